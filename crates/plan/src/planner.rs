@@ -274,7 +274,7 @@ impl Planner {
             return Err(PlanError::TooFastForBoard {
                 at_s: tick as f64 / hz,
                 rate_hz: hz / (ticks.max(1)) as f64,
-                limit_hz: hz / self.settings.min_interval_ticks as f64,
+                limit_hz: self.settings.highest_rate_hz(),
             });
         }
         let known = &mut self.certificate.shortest_interval_ticks;
@@ -388,7 +388,7 @@ impl Planner {
                 return Err(PlanError::TooFastForBoard {
                     at_s: (run.origin.0 as f64 + last.tick) / hz,
                     rate_hz: hz / own_apart.max(1.0),
-                    limit_hz: hz / self.settings.min_interval_ticks as f64,
+                    limit_hz: self.settings.highest_rate_hz(),
                 });
             }
             // θ at the turning point, relative to the position where the motor now stays.

@@ -60,6 +60,12 @@ impl Settings {
         slowed
     }
 
+    /// The most steps a second that the board and the driver allow.
+    #[must_use]
+    pub fn highest_rate_hz(&self) -> f64 {
+        self.tick_hz as f64 / self.min_interval_ticks as f64
+    }
+
     /// The gain of the packed stream: coarser units where the tolerance leaves room for them.
     #[must_use]
     pub fn gain(&self) -> Option<i8> {

@@ -57,7 +57,7 @@ pub enum Event {
         rate: f64,
         /// When the motion has it, s.
         from_s: f64,
-        /// The motor and its limit that a higher rate would break, if that is why the rate is not the wanted one.
+        /// The motor or the machine, and its limit that a higher rate would break, if that is why the rate is not the wanted one.
         ceiling: Option<String>,
     },
     /// All motors come to rest within their limits.

@@ -26,7 +26,7 @@ use crate::control::{Command, Ended, Event, Knowledge, Positions, Status};
 use crate::estimate;
 use crate::fade::{Change, Shift, Transition};
 use crate::lateness::{Edges, Lateness, Meter};
-use crate::pause::Ceiling;
+use crate::pause::{Ceiling, Limited};
 use crate::plans::{Planned, Plans};
 use crate::prepare::{Prepared, WORST_CLOCK_PPM};
 use crate::{Report, Session, SessionError, Tempo};
@@ -472,6 +472,16 @@ impl<B: Leased> Driven<B> {
         self.session.law_time()
     }
 
+    /// Whether all motors have come to the ends of the laws that they follow: [`Session::has_ended`].
+    pub fn has_ended(&self) -> bool {
+        self.session.has_ended()
+    }
+
+    /// Whether a change of the laws is under way.
+    pub fn is_changing(&self) -> bool {
+        self.session.is_changing()
+    }
+
     /// Whether the motors braked though nobody asked for it. [`Driven::step`] may not have said so, if a change has found it first.
     #[must_use]
     pub const fn has_braked(&self) -> bool {
@@ -533,7 +543,7 @@ impl<B: Leased> Driven<B> {
         let tempo = tempo.map(|Tempo { rate, from, ceiling }| Event::Tempo {
             rate: rate.get(),
             from_s: self.seconds_at(from),
-            ceiling: ceiling.map(|ceiling| named(&self.program, ceiling)),
+            ceiling: ceiling.map(|ceiling| named(&change.program, ceiling)),
         });
         Ok((self.seconds_of(changed), tempo))
     }
@@ -581,7 +591,7 @@ impl<B: Leased> Driven<B> {
     /// # Errors
     /// As [`Session::ceiling_of`].
     pub fn ceiling_of(&self, change: &Change) -> Result<Option<String>, SessionError> {
-        Ok(self.session.ceiling_of(change)?.map(|ceiling| named(&self.program, ceiling)))
+        Ok(self.session.ceiling_of(change)?.map(|ceiling| named(&change.program, ceiling)))
     }
 
     /// As [`Driven::ceiling_of`], at a tempo that comes with the change: [`Session::ceiling_at`].
@@ -589,7 +599,7 @@ impl<B: Leased> Driven<B> {
     /// # Errors
     /// As [`Session::ceiling_of`].
     pub fn ceiling_at(&self, change: &Change, tempo: Rate) -> Result<Option<String>, SessionError> {
-        Ok(self.session.ceiling_at(change, tempo)?.map(|ceiling| named(&self.program, ceiling)))
+        Ok(self.session.ceiling_at(change, tempo)?.map(|ceiling| named(&change.program, ceiling)))
     }
 
     /// After an order to stop nothing moves again.
@@ -740,7 +750,7 @@ impl<B: Leased> Driven<B> {
                 let done = match command {
                     Command::Tempo { rate } => Rate::of(rate).map_or(Err(SessionError::NoTempo), |rate| {
                         session.set_tempo(rate).map(|Tempo { rate, from, ceiling }| {
-                            let ceiling = ceiling.map(|ceiling| named(program, ceiling));
+                            let ceiling = ceiling.map(|ceiling| named(session.playback.program(), ceiling));
                             Event::Tempo { rate: rate.get(), from_s: seconds(from), ceiling }
                         })
                     }),
@@ -922,9 +932,13 @@ fn why(program: &Program, zero: u64, error: SessionError) -> String {
     }
 }
 
-/// A motor and its limit, in words.
-fn named(program: &Program, Ceiling { motor, limit }: Ceiling) -> String {
-    format!("{}: {limit}", program.motors[motor].name)
+/// A motor or a machine and its limit, in words.
+fn named(program: &Program, Ceiling { of, limit }: Ceiling) -> String {
+    let name = match of {
+        Limited::Motor(motor) => &program.motors[motor].name,
+        Limited::Tip(machine) => &program.machines[machine].name,
+    };
+    format!("{name}: {limit}")
 }
 
 /// Commands that have come and wait to be obeyed. [`Command::StopNow`] goes before all others, and then [`Command::Stop`].

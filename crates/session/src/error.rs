@@ -131,7 +131,7 @@ impl From<PauseError> for SessionError {
     fn from(error: PauseError) -> SessionError {
         match error {
             PauseError::Law { motor, error } => SessionError::Law { motor, error },
-            error @ PauseError::NoRoom { .. } => SessionError::Pause(error),
+            error @ (PauseError::NoRoom { .. } | PauseError::Parting { .. }) => SessionError::Pause(error),
         }
     }
 }

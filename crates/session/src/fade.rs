@@ -7,7 +7,7 @@
 //! on at the same phase: during the change the old law's time speeds up or slows down to the new frequency, and the new law's time from the old one.
 //! Likewise an endless constant speed goes on from where the motor is: during the change the speed itself goes to the new one, without passing it.
 
-use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, ticks};
+use crate::pause::{Ceiling, PauseError, USABLE, highest_factor, highest_tip_factor, sudden_end, ticks};
 use crate::plans::TRIED_MOVES;
 use crate::{Session, SessionError, Tempo};
 use pulsetrain_board::Leased;
@@ -61,6 +61,8 @@ pub struct Transition {
 const SHORTEST_S: f64 = 0.02;
 /// The longest fade that is tried if a shorter one breaks a limit, s.
 const LONGEST_S: f64 = 600.0;
+/// Parts of that time, at whose ends it is looked whether two laws part: at each of them they are further apart by more than a step.
+const PARTING_PLACES: u32 = 12;
 /// Each further fade that is tried is longer by this factor.
 const LONGER: f64 = 1.15;
 /// Places of a fade at which the limits are checked: one for each [`PLACE_S`], within these bounds.
@@ -242,6 +244,12 @@ impl Mix {
     /// When the changes that are under way at `now` are over.
     pub(crate) fn changes_until(&self, now: Time) -> Option<Time> {
         self.fades.iter().map(Fade::until).max().filter(|until| *until > now)
+    }
+
+    /// When all motors have come to the ends of the laws that they follow; `None` if one of them has none.
+    pub(crate) fn ends_at(&self) -> Option<Time> {
+        let mut ends = self.voices.iter().map(|voice| voice.in_program_time().ok()?.end());
+        ends.try_fold(Time::ZERO, |latest, end| Some(latest.max(end?)))
     }
 
     /// When there is room for another fade, after [`settle`](Mix::settle) at `now`; `None`: now.
@@ -524,8 +532,31 @@ impl Mix {
             }
             over_s *= LONGER;
         }
-        Err(PauseError::NoRoom { what: "change", within_s: LONGEST_S })
+        let (fade, _) = self.fade(change, (from, Time::from_seconds(least_s)), (&changed, &stopped), &apart)?;
+        Err(match parts(&fade, &old, from)? {
+            true => PauseError::Parting { within_s: LONGEST_S },
+            false => PauseError::NoRoom { what: "change", within_s: LONGEST_S },
+        })
     }
+}
+
+/// Whether a motor's old law and its new one part further and further, as far as fades are tried.
+fn parts(fade: &Fade, old: &[Law], from: Time) -> Result<bool, PauseError> {
+    for (motor, turn) in fade.turns.iter().enumerate() {
+        let Some(turn) = turn else { continue };
+        let (mut before, mut after) = (Cursor::new(&old[motor]), Cursor::new(&turn.settled));
+        let mut apart = |k: u32| {
+            let at = from + Time::from_seconds(LONGEST_S * f64::from(k) / f64::from(PARTING_PLACES));
+            let (old, new) = (before.at(at)?, after.at(at)?);
+            Ok(((new.whole - old.whole) as f64 + (new.fraction - old.fraction)).abs())
+        };
+        let ways: Result<Vec<f64>, LawError> = (0..=PARTING_PLACES).map(&mut apart).collect();
+        let ways = ways.map_err(|error| PauseError::Law { motor, error })?;
+        if ways.windows(2).all(|ways| ways[1] > ways[0] + 1.0) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 /// A speed that goes from 0 to `faster`, steps/s, within a fade, and stays there: with x from 0 to 1 it is `faster`·(3x² − 2x³).
@@ -764,8 +795,7 @@ fn keeps_tip(
 
 /// Whether a motor keeps to its limits at all places of a fade.
 fn keeps(samples: &[FadeSample], program: &Program, motor: &Motor, caution: f64) -> bool {
-    let settings = Settings::of(program, motor);
-    let board = settings.tick_hz as f64 / settings.min_interval_ticks as f64;
+    let board = Settings::of(program, motor).highest_rate_hz();
     let own = |of: usize| samples.iter().map(|sample| sample.own(of)).fold(0.0, f64::max);
     let (pull_in, own_speed) = (motor.limits.pull_in, own(0));
     let unlimited = [
@@ -907,6 +937,16 @@ impl<B: Leased> Session<B> {
         let (highest, ceiling) = highest_factor(&change.program, from, NEARLY_ALL, &changed)?;
         if highest < tempo.get() {
             return Ok(ceiling);
+        }
+        if let Some(ceiling) = sudden_end(&change.program, from, &changed)? {
+            return Ok(Some(ceiling));
+        }
+        // The file's reader holds paths against the limits of their tips, at tempo 1.
+        if tempo > Rate::ONE {
+            let (highest, ceiling) = highest_tip_factor(&change.program, from, NEARLY_ALL, &changed)?;
+            if highest < tempo.get() {
+                return Ok(ceiling);
+            }
         }
         Ok(self.plan_refused(&change.program, from, tempo, TRIED_MOVES).map(|(ceiling, _)| ceiling))
     }

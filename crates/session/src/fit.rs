@@ -390,7 +390,7 @@ fn fits_at_ends(law: &Law, settings: &Settings, over: Time) -> bool {
     let Some(end) = law.end() else { return false };
     let tried = over + over + Time::from_seconds(TRIED_S);
     // Where a law is far beyond the board's fastest step, a plan would be refused only after very many pieces.
-    let fastest = settings.tick_hz as f64 / settings.min_interval_ticks as f64;
+    let fastest = settings.highest_rate_hz();
     if !Cursor::new(law).at(end - tried).is_ok_and(|sample| sample.speed.abs() <= fastest) {
         return false;
     }

@@ -71,6 +71,10 @@ impl Playback {
         };
     }
 
+    pub(crate) const fn program(&self) -> &Arc<Program> {
+        &self.program
+    }
+
     pub(crate) const fn tempo(&self) -> Rate {
         self.tempo
     }
@@ -181,7 +185,7 @@ impl<B: Leased> Session<B> {
         self.retime(self.playback.tempo)
     }
 
-    /// Lets the laws' time run at another rate, as soon as the limits allow. All motors keep their paths and phases. If a motor or the board cannot
+    /// Lets the laws' time run at another rate, as soon as the limits allow. All motors keep their paths and phases. If a motor, a tip or the board cannot
     /// follow, the rate is the highest that they can. A motion that is paused goes on at that rate.
     ///
     /// # Errors
@@ -194,8 +198,10 @@ impl<B: Leased> Session<B> {
             return Err(SessionError::Late { at: self.earliest(), latest: self.committed_until() });
         }
         let from = self.law_time();
+        self.playback.settle(from)?;
         let (highest, ceiling) = pause::highest_rate(&self.playback.program, from, self.playback.known_rate)?;
-        if wanted > highest
+        let is_unknown = || wanted > self.playback.known_rate && pause::has_unknown_tip(&self.playback.program);
+        if (wanted > highest || is_unknown())
             && let Some(until) = self.playback.mix.changes_until(from)
         {
             // A change that is under way may be what takes so much.
@@ -220,6 +226,19 @@ impl<B: Leased> Session<B> {
     /// How far the laws' time is by now, at most.
     pub(crate) fn law_time(&self) -> Time {
         self.law_time_at(self.board.now())
+    }
+
+    /// Whether all motors have come to the ends of the laws that they follow. Never while the motion is paused, or was stopped.
+    #[must_use]
+    pub fn has_ended(&self) -> bool {
+        matches!(self.playback.law_time, LawTime::Going { .. })
+            && self.playback.mix.ends_at().is_some_and(|end| end <= self.law_time())
+    }
+
+    /// Whether a change of the laws is under way.
+    #[must_use]
+    pub fn is_changing(&self) -> bool {
+        self.playback.mix.changes_until(self.law_time()).is_some()
     }
 
     /// What changes of an endless constant speed have added to each motor's way; `None` if the motors were sent to a position.
@@ -346,10 +365,10 @@ impl<B: Leased> Session<B> {
         moves: u32,
     ) -> Option<(Ceiling, u32)> {
         let line = self.line.as_ref()?;
-        let ceiling = |Refused { motor, error }: Refused| Ceiling { motor, limit: pause::limit_of(&error) };
+        let ceiling = |Refused { motor, error }: Refused| Ceiling::of_motor(motor, pause::limit_of(&error));
         let program = match pause::underway(program, from) {
             Ok(program) => Arc::new(program),
-            Err((motor, _)) => return Some((Ceiling { motor, limit: pause::NO_LAW }, 0)),
+            Err((motor, _)) => return Some((Ceiling::of_motor(motor, pause::NO_LAW), 0)),
         };
         let mut plans = match Plans::slowed(program, Some(line), 1.0 / rate.get()) {
             Ok(plans) => plans,

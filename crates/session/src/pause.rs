@@ -4,6 +4,7 @@
 //! Where a law itself brakes as hard as its motor may, the change begins later.
 
 use pulsetrain_motion::law::{Begin, Cursor, Ease};
+use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, LawError, Time};
@@ -30,6 +31,15 @@ pub enum PauseError {
         /// "pause", "resumption", "change of tempo" or "change".
         what: &'static str,
         /// How far ahead a place was searched, s.
+        within_s: f64,
+    },
+    /// No fade keeps to the limits between two laws whose distance grows all the time.
+    #[error(
+        "the old law and the new one part further and further, and no change within {within_s} s keeps all motors to their limits. A number that is \
+         multiplied by the time, as `a` in a*t, changes the whole way since the beginning: write `law.speed`, which goes on from where the motor is"
+    )]
+    Parting {
+        /// The longest fade that was tried, s.
         within_s: f64,
     },
 }
@@ -140,10 +150,25 @@ pub fn quickest(
 /// A limit that a higher tempo would break.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ceiling {
-    /// Index of the motor in the program.
-    pub motor: usize,
+    /// What has that limit.
+    pub of: Limited,
     /// Which limit, in the file's words where it has one: "max_speed", "max_acceleration", "the board's shortest interval", "the line to the board".
     pub limit: &'static str,
+}
+
+/// A part of a program that has limits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Limited {
+    /// A motor, by its index in the program.
+    Motor(usize),
+    /// A machine's tip; the machine by its index in the program.
+    Tip(usize),
+}
+
+impl Ceiling {
+    pub(crate) const fn of_motor(motor: usize, limit: &'static str) -> Ceiling {
+        Ceiling { of: Limited::Motor(motor), limit }
+    }
 }
 
 /// The limit of a motor whose law has no value somewhere.
@@ -177,7 +202,7 @@ pub(crate) fn underway(program: &Program, from: Time) -> Result<Program, (usize,
     Ok(program)
 }
 
-/// The highest rate of the laws' time, from `from` of the laws on, at which the motors keep to their limits, and the limit that a higher one would
+/// The highest rate of the laws' time, from `from` of the laws on, at which motors and tips keep to their limits, and the limit that a higher one would
 /// break; [`Rate::MAX`] if none would. Never below `known`, a rate at which the laws were planned before.
 ///
 /// Laws that repeat are sampled for a period, others to their end, but for half a minute at most.
@@ -185,7 +210,10 @@ pub(crate) fn underway(program: &Program, from: Time) -> Result<Program, (usize,
 /// # Errors
 /// When a law cannot be evaluated.
 pub fn highest_rate(program: &Program, from: Time, known: Rate) -> Result<(Rate, Option<Ceiling>), PauseError> {
-    let (highest, ceiling) = highest_factor(program, from, USABLE, &vec![true; program.motors.len()])?;
+    let all = vec![true; program.motors.len()];
+    let of_motors = highest_factor(program, from, USABLE, &all)?;
+    let of_tips = highest_tip_factor(program, from, USABLE, &all)?;
+    let (highest, ceiling) = if of_tips.0 < of_motors.0 { of_tips } else { of_motors };
     Ok((Rate::of(highest).map_or(known, |rate| rate.max(known)), ceiling))
 }
 
@@ -198,22 +226,14 @@ pub(crate) fn highest_factor(
 ) -> Result<(f64, Option<Ceiling>), PauseError> {
     let mut highest = (Rate::MAX.get(), None);
     for (index, motor) in program.motors.iter().enumerate().filter(|(index, _)| motors[*index]) {
-        let most = Time::from_seconds(LOOK_S[1]);
-        let looks = match (motor.law.cycle(), motor.law.end()) {
-            // What comes before the first period, and a period.
-            (Some((start, period)), _) => [(from, (start - from).min(most)), (from.max(start), period)],
-            (None, Some(end)) => [(from, (end - from).clamp(Time::ZERO, most)), (end, Time::ZERO)],
-            (None, None) => [(from, most), (from, Time::ZERO)],
-        };
         let mut samples = Vec::new();
-        for (from, look) in looks.into_iter().filter(|(_, look)| *look > Time::ZERO) {
+        for (from, look) in looks(&motor.law, from) {
             let looked = Samples::of(motor, from, look).map_err(|error| PauseError::Law { motor: index, error })?;
             samples.extend(looked.at);
         }
         let peak = |of: fn(&(f64, f64)) -> f64| samples.iter().map(of).fold(0.0, |peak: f64, x| peak.max(x.abs()));
         let (speed, acceleration) = (peak(|sample| sample.0), peak(|sample| sample.1));
-        let settings = Settings::of(program, motor);
-        let board = settings.tick_hz as f64 / settings.min_interval_ticks as f64;
+        let board = Settings::of(program, motor).highest_rate_hz();
         let limits = [
             ("max_speed", motor.limits.max_speed.map(|limit| usable * limit / speed)),
             ("max_acceleration", motor.limits.max_acceleration.map(|limit| (usable * limit / acceleration).sqrt())),
@@ -222,11 +242,128 @@ pub(crate) fn highest_factor(
         for (limit, rate) in limits {
             // A motor at rest has no ceiling: the quotient is infinite.
             if let Some(rate) = rate.filter(|rate| *rate < highest.0) {
-                highest = (rate, Some(Ceiling { motor: index, limit }));
+                highest = (rate, Some(Ceiling::of_motor(index, limit)));
             }
         }
     }
     Ok(highest)
+}
+
+/// The parts of a law that are sampled, from `from` on: when they begin, and how long they are. Of a law that repeats it is what comes before the first
+/// period, and a period.
+fn looks(law: &Law, from: Time) -> impl Iterator<Item = (Time, Time)> {
+    let most = Time::from_seconds(LOOK_S[1]);
+    let looks = match (law.cycle(), law.end()) {
+        (Some((start, period)), _) => [(from, (start - from).min(most)), (from.max(start), period)],
+        (None, Some(end)) => [(from, (end - from).clamp(Time::ZERO, most)), (end, Time::ZERO)],
+        (None, None) => [(from, most), (from, Time::ZERO)],
+    };
+    looks.into_iter().filter(|(_, look)| *look > Time::ZERO)
+}
+
+/// A time before the end of a law, s: its speed there is that at the end.
+const BEFORE_END_S: f64 = 1e-6;
+
+/// The motor, of those asked for, whose law ends within half a minute, and at a speed at which the motor cannot stop at once.
+///
+/// # Errors
+/// When a law cannot be evaluated.
+pub(crate) fn sudden_end(program: &Program, from: Time, motors: &[bool]) -> Result<Option<Ceiling>, PauseError> {
+    let before = Time::from_seconds(BEFORE_END_S);
+    for (index, motor) in program.motors.iter().enumerate().filter(|(index, _)| motors[*index]) {
+        let is_near = |end: &Time| *end - before > from && *end - from <= Time::from_seconds(LOOK_S[1]);
+        let Some(end) = motor.law.end().filter(is_near) else { continue };
+        let last = Cursor::new(&motor.law).at(end - before);
+        let last = last.map_err(|error| PauseError::Law { motor: index, error })?;
+        let slowed = 2.0 * BEFORE_END_S * last.acceleration.abs();
+        if last.speed.abs() - slowed > motor.limits.pull_in * (1.0 + ROUNDING) + ROUNDING {
+            return Ok(Some(Ceiling::of_motor(index, "pull_in")));
+        }
+    }
+    Ok(None)
+}
+
+/// A speed may be so much too high, and such a part: rounding, steps/s.
+const ROUNDING: f64 = 1e-3;
+
+/// As [`highest_factor`], of the tips of machines that have limits and one of the motors. A tip whose path is not known has none.
+pub(crate) fn highest_tip_factor(
+    program: &Program,
+    from: Time,
+    usable: f64,
+    motors: &[bool],
+) -> Result<(f64, Option<Ceiling>), PauseError> {
+    let mut highest = (Rate::MAX.get(), None);
+    for (index, machine) in program.machines.iter().enumerate().filter(|(_, machine)| has_limits(machine)) {
+        let Some(axes) = axes(program, machine).filter(|_| machine.motors.iter().any(|motor| motors[*motor])) else {
+            continue;
+        };
+        let of_machine = |error| PauseError::Law { motor: machine.motors[0], error };
+        let [speed, acceleration] = tip_peaks(&axes, from).map_err(of_machine)?;
+        let limits = [
+            ("max_speed", machine.tip_limits[0].map(|limit| usable * limit / speed)),
+            ("max_acceleration", machine.tip_limits[1].map(|limit| (usable * limit / acceleration).sqrt())),
+        ];
+        for (limit, rate) in limits {
+            // A tip at rest has no ceiling: the quotient is infinite.
+            if let Some(rate) = rate.filter(|rate| *rate < highest.0) {
+                highest = (rate, Some(Ceiling { of: Limited::Tip(index), limit }));
+            }
+        }
+    }
+    Ok(highest)
+}
+
+/// Whether the path of a tip with limits is not known: its arms change separately from one path to another.
+pub(crate) fn has_unknown_tip(program: &Program) -> bool {
+    program.machines.iter().any(|machine| has_limits(machine) && axes(program, machine).is_none())
+}
+
+fn has_limits(machine: &Machine) -> bool {
+    machine.tip_limits != [None; 2]
+}
+
+/// The laws of a tip's coordinates, and how many of the machine's units are in one of theirs; `None` if its path is not known.
+fn axes(program: &Program, machine: &Machine) -> Option<Vec<(Law, f64)>> {
+    match &machine.kinematics {
+        Kinematics::Xy { steps_per_unit } => {
+            let motors = machine.motors.iter().zip(steps_per_unit);
+            Some(motors.map(|(motor, steps)| (program.motors[*motor].law.clone(), 1.0 / steps)).collect())
+        }
+        Kinematics::Delta { .. } => {
+            let path = program.motors[*machine.motors.first()?].law.tip_path()?;
+            Some(path.tip.into_iter().map(|law| (law, 1.0)).collect())
+        }
+    }
+}
+
+/// The highest speed and acceleration of a tip from `from` on: over a period if all of its coordinates repeat alike, or else as far as the one that needs
+/// the longest look.
+fn tip_peaks(axes: &[(Law, f64)], from: Time) -> Result<[f64; 2], LawError> {
+    let mut places: Vec<(Time, Time)> = axes.iter().flat_map(|(law, _)| looks(law, from)).collect();
+    let mut periods: Vec<Time> = axes.iter().filter_map(|(law, _)| law.cycle()).map(|(_, period)| period).collect();
+    periods.dedup();
+    if periods.len() > 1 {
+        // Together they repeat later, if at all.
+        places.push((from, Time::from_seconds(LOOK_S[1])));
+    }
+    places.sort_unstable();
+    places.dedup();
+    let mut cursors: Vec<(Cursor, f64)> = axes.iter().map(|(law, scale)| (Cursor::new(law), *scale)).collect();
+    let mut squares = [0.0_f64; 2];
+    for (from, look) in places {
+        for k in 0..=SAMPLES as u64 {
+            let at = from + look.times(k).divided_by(SAMPLES as u64);
+            let mut sums = [0.0; 2];
+            for (cursor, scale) in &mut cursors {
+                let sample = cursor.at(at)?;
+                sums[0] += (sample.speed * *scale).powi(2);
+                sums[1] += (sample.acceleration * *scale).powi(2);
+            }
+            squares = [squares[0].max(sums[0]), squares[1].max(sums[1])];
+        }
+    }
+    Ok(squares.map(f64::sqrt))
 }
 
 /// A time in ticks, rounded down, plus one.

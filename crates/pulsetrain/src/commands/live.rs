@@ -561,7 +561,9 @@ impl Parts {
                         });
                     }
                 }
-                let obeyed = show.obey(request, trace, &mut |happened| news.tell(happened));
+                let Parts { incoming, control, .. } = &mut *self;
+                let mut stop_waits = |_| incoming.stop_waits(control.requests());
+                let obeyed = show.obey_until(request, &mut stop_waits, trace, &mut |happened| news.tell(happened));
                 if is_file {
                     log.iter_mut().for_each(|log| log.files(news.base + tick, show.desk()));
                 }
@@ -575,7 +577,9 @@ impl Parts {
             news.hub.set_clock(clock.moment(time(show.now())), motion_s(show.now()));
             news.hub.looked();
             let mut status = None;
-            let stepped = show.step(trace, &mut |happened| {
+            let Parts { incoming, control, .. } = &mut *self;
+            let mut stop_waits = |_| incoming.stop_waits(control.requests());
+            let stepped = show.step_until(&mut stop_waits, trace, &mut |happened| {
                 if let Happened::Session(Event::Status(of_now)) = &happened {
                     status = Some(of_now.clone());
                 }

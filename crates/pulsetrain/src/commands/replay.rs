@@ -19,6 +19,7 @@ use super::problems::drive_problem;
 use super::run::{draw, file_name};
 use crate::console::{Access, Console, Exit, access};
 use crate::diagnostic::{WrongFile, advised};
+use crate::live::incoming::has_stop;
 use crate::live::log::{LogEntry, LogLine, Replay};
 use crate::live::{Desk, Happened, Show};
 
@@ -251,6 +252,12 @@ fn is_whole(log: &Replay) -> bool {
     log.lines.last().is_some_and(|line| line.entry == LogEntry::Over)
 }
 
+/// Whether a stop was asked for by a tick, which the motion has not been asked for yet.
+fn stop_waits(lines: &[LogLine], tick: u64) -> bool {
+    let until_now = lines.iter().take_while(|line| line.tick <= tick);
+    { until_now }.any(|line| matches!(&line.entry, LogEntry::Asked(request) if has_stop(request)))
+}
+
 /// Gives the requests of a log at their ticks. Returns the tick at the end.
 fn perform<B: Leased>(
     mut show: Show<B>,
@@ -280,7 +287,9 @@ fn perform<B: Leased>(
                     show.desk().provide(files);
                 }
             });
-            let obeyed = show.obey(request.clone(), recorder, &mut |happened| events.push(happened));
+            let mut stop_waits = |tick: u64| stop_waits(&lines[next..], tick);
+            let obeyed =
+                show.obey_until(request.clone(), &mut stop_waits, recorder, &mut |happened| events.push(happened));
             if !matches!(obeyed, Ok(None)) {
                 keep(&mut events, show.now(), recorder);
                 return (show.now(), obeyed);
@@ -291,10 +300,66 @@ fn perform<B: Leased>(
             keep(&mut events, show.now(), recorder);
             return (show.now(), Ok(None));
         }
-        let stepped = show.step(recorder, &mut |happened| events.push(happened));
+        let mut stop_waits = |tick: u64| stop_waits(&lines[next..], tick);
+        let stepped = show.step_until(&mut stop_waits, recorder, &mut |happened| events.push(happened));
         keep(&mut events, show.now(), recorder);
         if !matches!(stepped, Ok(None)) {
             return (show.now(), stepped);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::live::log::{LogHead, VERSION};
+    use crate::live::{KnobValue, LiveCommand, LiveEvent, Request};
+    use pulsetrain_session::control::Command;
+
+    /// A stop that ended the search for a knob's nearest value in the log ends it at the same tick again.
+    #[test]
+    fn a_stop_ends_a_search_where_it_did() {
+        let text = include_str!("../../../../examples/live.toml");
+        let opened = Desk::of(text, "live.toml", PathBuf::new(), None, Some(Default::default()));
+        let (mut desk, contents) = opened.map_err(|error| error.plain()).unwrap();
+        let mut prepared = pulsetrain_session::prepare::Prepared::new("live.toml".to_owned(), contents, None).unwrap();
+        prepared.prove_first(|_| {}).unwrap();
+        desk.set_up(&prepared.program);
+        let driven = Driven::native(&prepared).unwrap();
+        let hz = prepared.program.board.tick_hz;
+        let asked_at = driven.zero() + hz;
+        let stop_at = asked_at + hz * 35 / 1000;
+        let (knob, value) = ("second.frequency".to_owned(), KnobValue::Text("50 Hz".to_owned()));
+        let entries = [
+            (asked_at, LogEntry::Asked(Request::Live(LiveCommand::Set { knob, value }))),
+            (stop_at, LogEntry::Asked(Request::Session(Command::Stop))),
+            (stop_at + hz, LogEntry::Over),
+        ];
+        let lines = entries.map(|(tick, entry)| LogLine::now(tick, 0.0, entry));
+        let head = LogHead {
+            pulsetrain_log: VERSION,
+            program: "0".to_owned(),
+            file: "live.toml".to_owned(),
+            text: text.to_owned(),
+            files: Default::default(),
+            board: None,
+            is_native: true,
+            port: None,
+            baud: None,
+            rejoins: true,
+            rests_at: None,
+        };
+        let log = Replay { head, lines: lines.into() };
+        let trace = Trace::create(None, hz, &driven.lines).unwrap();
+        let mut recorder = ReplayRecorder::new(trace, &prepared.program, "live.toml");
+        let mut done = Vec::new();
+        let show = Show::new(driven, desk, true);
+        let (_, ended) = perform(show, &log, PATIENCE_S * hz, &mut recorder, &mut done);
+        assert!(ended.unwrap().is_some_and(|ended| ended.stopped));
+        let refused = done.iter().find(|(_, it)| matches!(it, Happened::Live(LiveEvent::Refused { .. })));
+        let stopping = done.iter().find(|(_, it)| matches!(it, Happened::Session(Event::Stopping { .. })));
+        for (tick, _) in [refused, stopping].map(|found| found.expect("it is done")) {
+            assert!((stop_at..stop_at + hz * 25 / 1000).contains(tick), "{tick}, not soon after {stop_at}");
         }
     }
 }

@@ -101,6 +101,13 @@ fn answer(run: &mut RunClient, command: Command) -> miette::Result<Event> {
             RunLine::Event(event @ (Event::Pausing { .. } | Event::Resuming { .. } | Event::Tempo { .. })) => {
                 return Ok(event);
             }
+            RunLine::Live(LiveEvent::AlreadyRuns) if command == Command::Resume => {
+                return Err(miette!(
+                    "{} at {}: the motion is not paused; it goes on as it was",
+                    info.file,
+                    info.place()
+                ));
+            }
             RunLine::Event(_) | RunLine::Live(_) | RunLine::Control { .. } | RunLine::Info(_) => {}
             RunLine::Error { error } => return Err(miette!("the run at {}: {error}", info.place())),
             RunLine::Ended(_) => return Err(miette!("{} at {} has ended", info.file, info.place())),
@@ -178,6 +185,13 @@ pub(super) fn live_in_words(event: &LiveEvent) -> String {
             format!("the last change is taken back: {why}. The motors had braked. {NO_EARLIER_MOTION}")
         }
         LiveEvent::Began { from_s, until_s } => format!("the motion begins {}", change(*from_s, *until_s)),
+        LiveEvent::AlreadyRuns => {
+            "the motion runs already, and goes on; `goto 0` and then `begin` begin it again".to_owned()
+        }
+        LiveEvent::MotionEnded { at_s } => format!(
+            "the motion has ended at {}, and the motors rest: `begin` begins it again, a knob, a cue or the file changes it, `stop` ends the session",
+            human::seconds_to(*at_s, 4)
+        ),
         LiveEvent::Resting { until } if until.is_empty() => "the motors rest".to_owned(),
         LiveEvent::Resting { until } => format!("it is not time: the motors rest; the motion begins on {until}"),
         LiveEvent::Unplugged { why, port } => {

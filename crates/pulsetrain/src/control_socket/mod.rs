@@ -254,7 +254,7 @@ impl RunInfo {
 
 /// The highest speed that the board, its driver and the motor allow, steps/s.
 pub(crate) fn max_speed(program: &Program, motor: &Motor) -> f64 {
-    let rate = program.board.tick_hz as f64 / Settings::of(program, motor).min_interval_ticks as f64;
+    let rate = Settings::of(program, motor).highest_rate_hz();
     motor.limits.max_speed.map_or(rate, |speed| speed.min(rate))
 }
 

@@ -175,6 +175,13 @@ pub enum LiveEvent {
         /// See `from_s`.
         until_s: f64,
     },
+    /// The motion was to begin, or to go on, and it runs already: it goes on as it is.
+    AlreadyRuns,
+    /// All motors have come to the end of the motion, and rest there. It can begin again, and be changed.
+    MotionEnded {
+        /// When that was seen, s.
+        at_s: f64,
+    },
     /// It is not time for the motion: the motors rest, or come to rest.
     Resting {
         /// When the motion begins, in words; empty if no time is set.
@@ -270,7 +277,9 @@ impl LiveEvent {
             | LiveEvent::Motion { from_s, .. }
             | LiveEvent::TakenBack { from_s, .. }
             | LiveEvent::Rejoined { from_s, .. } => Some(*from_s),
-            LiveEvent::Resting { .. }
+            LiveEvent::AlreadyRuns
+            | LiveEvent::MotionEnded { .. }
+            | LiveEvent::Resting { .. }
             | LiveEvent::Unplugged { .. }
             | LiveEvent::Unplaced { .. }
             | LiveEvent::Placed { .. }

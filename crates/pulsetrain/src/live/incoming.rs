@@ -30,6 +30,9 @@ impl Incoming {
             return Some(request);
         }
         if self.reading.is_some() {
+            if let Some(place) = self.waiting.iter().position(has_stop) {
+                return self.waiting.remove(place);
+            }
             let request = next_request(requests, wait)?;
             if matches!(request, Request::Session(_)) || has_stop(&request) {
                 return Some(request);
@@ -45,6 +48,12 @@ impl Incoming {
         let (desk, to_read) = (desk.clone(), request.clone());
         self.reading = Some((request, thread::spawn(move || read(desk, to_read))));
         None
+    }
+
+    /// Whether a stop that is to be obeyed at once is among the requests that have come.
+    pub(crate) fn stop_waits(&mut self, requests: &Receiver<Request>) -> bool {
+        self.waiting.extend(requests.try_iter());
+        self.waiting.iter().any(has_stop)
     }
 
     /// The next request while there is no board. The motion of a knob need not be read first.
@@ -83,7 +92,7 @@ fn next_request(requests: &Receiver<Request>, wait: Duration) -> Option<Request>
 }
 
 /// Whether a stop that is to be obeyed at once is among what a request asks for.
-fn has_stop(request: &Request) -> bool {
+pub(crate) fn has_stop(request: &Request) -> bool {
     let is_timed = matches!(request, Request::Together(Together { at_s: Some(_), .. }));
     let is_stop = |request: Request| matches!(request, Request::Session(Command::Stop | Command::StopNow));
     !is_timed && request.clone().each().into_iter().any(is_stop)
@@ -161,6 +170,12 @@ mod tests {
         let timed = Request::together(vec![Request::Session(Command::Stop)], Some(9.0));
         sender.send(timed.clone()).unwrap();
         assert_eq!(incoming.next(&requests, Duration::ZERO, &desk), None);
+        // Nor one that came while the nearest value of another knob was searched.
+        assert!(!incoming.stop_waits(&requests));
+        sender.send(Request::Session(Command::StopNow)).unwrap();
+        assert!(incoming.stop_waits(&requests) && requests.try_recv().is_err());
+        assert_eq!(incoming.next(&requests, Duration::ZERO, &desk), Some(Request::Session(Command::StopNow)));
+        assert!(!incoming.stop_waits(&requests));
         let mut away = Incoming { waiting: incoming.waiting.clone(), reading: None };
         assert_eq!(away.next_without_board(&requests, Duration::ZERO), Some(set(31.0)));
         assert_eq!(away.next_without_board(&requests, Duration::ZERO), Some(timed));

@@ -22,4 +22,4 @@ pub mod watch;
 pub use crate::control_socket::{Happened, KnobInfo, KnobValue, LiveCommand, LiveEvent, Request, Together};
 pub use desk::{ChangeRefusal, Desk, FileTexts, NoMotion, Turn};
 pub use line::{HELP, LONGEST_LINE, Line, LineError};
-pub use show::{Show, SuspendedShow, Tell};
+pub use show::{Show, StopWaits, SuspendedShow, Tell};

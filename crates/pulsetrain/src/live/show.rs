@@ -23,6 +23,8 @@ use crate::control_socket::{Happened, KnobValue, LiveCommand, LiveEvent, Request
 
 /// Hears what happens.
 pub type Tell<'a> = &'a mut dyn FnMut(Happened);
+/// Whether a stop that is to be obeyed at once waits behind the present request, at a tick of the board.
+pub type StopWaits<'a> = &'a mut dyn FnMut(u64) -> bool;
 
 /// If the reader refuses a larger value of a knob, this one is looked at in its place: it is farther than any motor goes.
 const FARTHEST_VALUE: f64 = 1e9;
@@ -93,6 +95,8 @@ pub struct Show<B> {
     shifts: Option<Vec<Shift>>,
     /// When the motors rest where they were sent, s of the motion.
     rests_from_s: f64,
+    /// All motors have come to the end of the motion, and that was told.
+    has_told_end: bool,
 }
 
 /// A motion that the motors followed, for a change that has to be taken back.
@@ -165,6 +169,7 @@ impl<B: Leased> Show<B> {
             halted_at: None,
             shifts: None,
             rests_from_s: 0.0,
+            has_told_end: false,
         }
     }
 
@@ -253,12 +258,32 @@ impl<B: Leased> Show<B> {
         observer: &mut impl Observer,
         tell: Tell<'_>,
     ) -> Result<Option<Ended>, DriveError> {
+        self.obey_until(request, &mut |_| false, observer, tell)
+    }
+
+    /// As [`Show::obey`]. While a nearer value is looked for, this asks again and again whether a stop waits. If one does, the request is refused, and the
+    /// stop is to be asked for next.
+    ///
+    /// # Errors
+    /// As [`Show::step`].
+    pub fn obey_until(
+        &mut self,
+        request: Request,
+        stop_waits: StopWaits<'_>,
+        observer: &mut impl Observer,
+        tell: Tell<'_>,
+    ) -> Result<Option<Ended>, DriveError> {
+        let mut caller = Caller { observer, tell, stop_waits };
+        self.ask(request, &mut caller)
+    }
+
+    fn ask<O: Observer>(&mut self, request: Request, caller: &mut Caller<'_, O>) -> Result<Option<Ended>, DriveError> {
         let at_s = if let Request::Together(Together { at_s, .. }) = &request { *at_s } else { None };
         let requests = request.each();
-        let Some(at_s) = at_s else { return self.together(&requests, (None, None), observer, tell) };
+        let Some(at_s) = at_s else { return self.together(&requests, (None, None), caller) };
         let tick = self.driven.tick_at(at_s);
         if tick <= self.driven.earliest() {
-            return self.together(&requests, (None, Some(tick)), observer, tell);
+            return self.together(&requests, (None, Some(tick)), caller);
         }
         let why = if at_s > self.now_s + FARTHEST_S {
             format!("it is for {:.1} s from now; {FARTHEST_S} s are the most", at_s - self.now_s)
@@ -269,7 +294,7 @@ impl<B: Leased> Show<B> {
             self.timed.insert(place, TimedRequests { tick, requests, is_checked: false });
             return Ok(None);
         };
-        requests.into_iter().for_each(|request| tell(refusal(request, &why)));
+        requests.into_iter().for_each(|request| (caller.tell)(refusal(request, &why)));
         Ok(None)
     }
 
@@ -278,21 +303,36 @@ impl<B: Leased> Show<B> {
     /// # Errors
     /// When the motors stopped though nobody asked for it, and cannot join the motion again.
     pub fn step(&mut self, observer: &mut impl Observer, tell: Tell<'_>) -> Result<Option<Ended>, DriveError> {
+        self.step_until(&mut |_| false, observer, tell)
+    }
+
+    /// As [`Show::step`], with `stop_waits` as [`Show::obey_until`] has it.
+    ///
+    /// # Errors
+    /// As [`Show::step`].
+    pub fn step_until(
+        &mut self,
+        stop_waits: StopWaits<'_>,
+        observer: &mut impl Observer,
+        tell: Tell<'_>,
+    ) -> Result<Option<Ended>, DriveError> {
         let ended = self.pass(observer, tell)?;
         if ended.is_some() {
             return Ok(ended);
         }
-        if let Some(ended) = self.join(observer, tell)? {
+        let mut caller = Caller { observer, tell, stop_waits };
+        self.tell_end(caller.tell);
+        if let Some(ended) = self.join(&mut caller)? {
             return Ok(Some(ended));
         }
         if self.follow_at_s.is_some_and(|at_s| at_s <= self.now_s) && self.waiting.is_none() {
             self.follow_at_s = None;
-            let ended = self.together(&[Request::Live(LiveCommand::Go)], (None, None), observer, tell)?;
+            let ended = self.together(&[Request::Live(LiveCommand::Go)], (None, None), &mut caller)?;
             if ended.is_some() {
                 return Ok(ended);
             }
         }
-        self.begin_timed(observer, tell)
+        self.begin_timed(&mut caller)
     }
 
     /// As [`Show::step`]; nothing begins that was not asked of the session before.
@@ -353,6 +393,11 @@ impl<B: Leased> Show<B> {
                     self.tempo = *rate;
                 }
                 Event::Failed { .. } if stepped.is_ok() => continue,
+                // Somebody was faster than the schedule, say.
+                Event::Refused { command: Command::Resume, .. } if !self.is_paused && !self.is_parked => {
+                    tell(Happened::Live(LiveEvent::AlreadyRuns));
+                    continue;
+                }
                 _ => {}
             }
             tell(Happened::Session(event));
@@ -446,7 +491,7 @@ impl<B: Leased> Show<B> {
     }
 
     /// Asks for the changes whose tick is near.
-    fn begin_timed<O: Observer>(&mut self, observer: &mut O, tell: Tell<'_>) -> Result<Option<Ended>, DriveError> {
+    fn begin_timed<O: Observer>(&mut self, caller: &mut Caller<'_, O>) -> Result<Option<Ended>, DriveError> {
         while let Some(first) = self.timed.first() {
             let (tick, is_checked) = (first.tick, first.is_checked);
             let left = tick.saturating_sub(self.driven.earliest());
@@ -457,14 +502,14 @@ impl<B: Leased> Show<B> {
             if left > self.ticks(ASK_S) {
                 self.timed[0].is_checked = true;
                 let requests = self.timed[0].requests.clone();
-                let (gathered, _) = self.gather(&requests, Some(tick), None::<(&mut O, Tell<'_>)>)?;
+                let (gathered, _) = self.gather(&requests, Some(tick), None::<&mut Caller<'_, O>>)?;
                 if matches!(self.verdict(&gathered), Ok(Ok(_))) {
                     return Ok(None);
                 }
                 // The nearest value that holds takes time to find.
             }
             let TimedRequests { requests, .. } = self.timed.remove(0);
-            if let Some(ended) = self.together(&requests, (Some(tick), Some(tick)), observer, tell)? {
+            if let Some(ended) = self.together(&requests, (Some(tick), Some(tick)), caller)? {
                 return Ok(Some(ended));
             }
         }
@@ -476,30 +521,37 @@ impl<B: Leased> Show<B> {
         &mut self,
         requests: &[Request],
         (at, wanted): (Option<u64>, Option<u64>),
-        observer: &mut O,
-        tell: Tell<'_>,
+        caller: &mut Caller<'_, O>,
     ) -> Result<Option<Ended>, DriveError> {
         let (stops, others): (Vec<_>, Vec<_>) =
             requests.iter().cloned().partition(|request| stop_of(request).is_some());
         self.commands.extend(stops.iter().filter_map(stop_of).map(|stop| (stop, at)));
         if !stops.is_empty() && at.is_none() {
-            others.into_iter().for_each(|request| tell(refusal(request, &"a stop came with it")));
+            others.into_iter().for_each(|request| (caller.tell)(refusal(request, &"a stop came with it")));
             return Ok(None);
         }
-        let requests = &self.set_apart(&others, tell)[..];
-        let (mut gathered, _) = self.gather(requests, at, None::<(&mut O, Tell<'_>)>)?;
+        let requests = &self.set_apart(&others, caller.tell)[..];
+        let (mut gathered, _) = self.gather(requests, at, None::<&mut Caller<'_, O>>)?;
         // Values may be too much one by one, and hold together. If they do not, each is looked at.
         let program = match self.verdict(&gathered) {
             Ok(Ok(program)) => Ok(program),
             Ok(Err(_)) | Err(_) => {
-                let (again, ended) = self.gather(requests, at, Some((&mut *observer, &mut *tell)))?;
-                if ended.is_some() {
-                    return Ok(ended);
+                let (again, interruption) = self.gather(requests, at, Some(&mut *caller))?;
+                match interruption {
+                    None => {}
+                    Some(Interruption::Ended(ended)) => return Ok(Some(ended)),
+                    Some(Interruption::StopWaits) => {
+                        let refused =
+                            requests.iter().cloned().map(|request| refusal(request, &"a stop came meanwhile"));
+                        refused.for_each(&mut *caller.tell);
+                        return Ok(None);
+                    }
                 }
                 gathered = again;
                 gathered.program()
             }
         };
+        let tell = &mut *caller.tell;
         gathered.refusals.drain(..).for_each(&mut *tell);
         self.commands.extend(gathered.commands.iter().map(|command| (*command, at)));
         let tempo = gathered.tempo.map(|rate| (rate, Command::Tempo { rate }));
@@ -578,20 +630,31 @@ impl<B: Leased> Show<B> {
         left
     }
 
-    /// Whether the laws of all motors have come to their ends, and nothing else is asked for.
+    /// Whether all motors have come to the end of the motion, and nothing else is asked for.
     fn has_ended(&self) -> bool {
-        let now = self.driven.law_time();
-        let ended =
-            |program: Arc<Program>| program.motors.iter().all(|motor| motor.law.end().is_some_and(|end| end <= now));
-        self.waiting.is_none() && self.desk.program().is_ok_and(ended)
+        self.waiting.is_none() && self.driven.has_ended()
+    }
+
+    /// Tells once that the motion has ended.
+    fn tell_end(&mut self, tell: Tell<'_>) {
+        let has_ended = self.driven.has_ended();
+        self.has_told_end &= has_ended;
+        let is_over = has_ended && self.waiting.is_none() && self.joining.is_none() && !self.driven.is_changing();
+        if is_over && !self.has_told_end && !self.is_stopping {
+            self.has_told_end = true;
+            tell(Happened::Live(LiveEvent::MotionEnded { at_s: self.now_s }));
+        }
     }
 
     /// Lets motors that rest begin the motion, from its beginning.
     fn begin(&mut self, tell: Tell<'_>) {
         let will_rest = self.waiting.as_ref().map_or(self.is_parked, |waiting| waiting.is_parked);
-        if !(will_rest || self.has_ended()) || self.is_paused {
-            let why = "the motion has begun already; `goto 0` brings the motors to rest where it begins";
+        if self.is_paused {
+            let why = "the motion is paused: `resume` goes on with it; `goto 0` brings the motors to where it begins";
             return refuse(LiveCommand::Begin, &why, tell);
+        }
+        if !(will_rest || self.has_ended()) {
+            return tell(Happened::Live(LiveEvent::AlreadyRuns));
         }
         self.desk = self.desk.restarted();
         self.halted_at = None;
@@ -601,7 +664,7 @@ impl<B: Leased> Show<B> {
     }
 
     /// Lets motors that rest follow the motion, if they are to.
-    fn join<O: Observer>(&mut self, observer: &mut O, tell: Tell<'_>) -> Result<Option<Ended>, DriveError> {
+    fn join<O: Observer>(&mut self, caller: &mut Caller<'_, O>) -> Result<Option<Ended>, DriveError> {
         let Some(Joining { at, ref shifts, .. }) = self.joining else { return Ok(None) };
         if self.waiting.is_some() || !self.commands.is_empty() {
             return Ok(None);
@@ -610,7 +673,7 @@ impl<B: Leased> Show<B> {
             Err(SessionError::Waiting { .. }) => return Ok(None),
             Err(error) => {
                 if let Some((command, _)) = self.joining.take().and_then(|joining| joining.answer) {
-                    refuse(command, &self.driven.why(error), tell);
+                    refuse(command, &self.driven.why(error), caller.tell);
                 }
                 return Ok(None);
             }
@@ -622,23 +685,22 @@ impl<B: Leased> Show<B> {
                 Ok(program) => {
                     let answers = vec![(command, event)];
                     let joined = PendingChange { answers, ..PendingChange::alone(program) };
-                    self.pending_change(joined, tell);
+                    self.pending_change(joined, caller.tell);
                 }
-                Err(error) => refuse(command, &error, tell),
+                Err(error) => refuse(command, &error, caller.tell),
             }
         }
-        if then.is_empty() { Ok(None) } else { self.together(&then, (None, None), observer, tell) }
+        if then.is_empty() { Ok(None) } else { self.together(&then, (None, None), caller) }
     }
 
     /// What is asked, as one change. With `search` each part is held against the limits: knobs go to the nearest value that keeps to them while the
     /// motion goes on, and cues and files are refused.
-    #[allow(clippy::type_complexity)]
     fn gather<O: Observer>(
         &mut self,
         requests: &[Request],
         at: Option<u64>,
-        mut search: Option<(&mut O, Tell<'_>)>,
-    ) -> Result<(Gathered, Option<Ended>), DriveError> {
+        mut search: Option<&mut Caller<'_, O>>,
+    ) -> Result<(Gathered, Option<Interruption>), DriveError> {
         let mut gathered = Gathered {
             desk: self.desk.clone(),
             place: None,
@@ -671,8 +733,10 @@ impl<B: Leased> Show<B> {
             };
             match &command {
                 LiveCommand::Set { knob, value } => {
-                    if let Some(ended) = self.gather_knob(&mut gathered, &command, (knob, value), &mut search)? {
-                        return Ok((gathered, Some(ended)));
+                    let search = search.as_deref_mut();
+                    let interruption = self.gather_knob(&mut gathered, &command, (knob, value), search)?;
+                    if interruption.is_some() {
+                        return Ok((gathered, interruption));
                     }
                 }
                 LiveCommand::Goto { .. } | LiveCommand::Rest { .. } => gather_place(&mut gathered, command),
@@ -693,8 +757,8 @@ impl<B: Leased> Show<B> {
         gathered: &mut Gathered,
         command: &LiveCommand,
         (knob, value): (&str, &KnobValue),
-        search: &mut Option<(&mut O, Tell<'_>)>,
-    ) -> Result<Option<Ended>, DriveError> {
+        search: Option<&mut Caller<'_, O>>,
+    ) -> Result<Option<Interruption>, DriveError> {
         let refuse = |gathered: &mut Gathered, why: &dyn std::fmt::Display| {
             gathered.refusals.push(refusal(Request::Live(command.clone()), &why.to_string()));
         };
@@ -707,14 +771,14 @@ impl<B: Leased> Show<B> {
         };
         let (mut set, mut ceiling) = (turn.to, turn.range.clone());
         let mut desk = gathered.desk.turned(&turn, set);
-        if let Some((observer, tell)) = search {
+        if let Some(caller) = search {
             match self.ceiling_of_turn(&gathered.desk, &turn) {
                 Ok(None) => {}
                 Ok(Some((to, limit))) => {
                     let nearest = Nearest::new(turn.from, to);
-                    let found = match self.nearest(&gathered.desk, &turn, nearest, limit, *observer, *tell)? {
+                    let found = match self.nearest(&gathered.desk, &turn, (nearest, limit), caller)? {
                         Ok(found) => found,
-                        Err(ended) => return Ok(Some(ended)),
+                        Err(interruption) => return Ok(Some(interruption)),
                     };
                     set = found.0;
                     desk = gathered.desk.turned(&turn, set);
@@ -756,20 +820,21 @@ impl<B: Leased> Show<B> {
     }
 
     /// The value of a knob nearest to the wanted one that the motors follow, and the limit that the next one would break; `limit` is the wanted one's.
-    /// The motion goes on meanwhile, and may end.
+    /// The motion goes on meanwhile, and may end; a stop that comes is not kept waiting.
     fn nearest<O: Observer>(
         &mut self,
         desk: &Desk,
         turn: &Turn,
-        mut nearest: Nearest,
-        mut limit: String,
-        observer: &mut O,
-        tell: Tell<'_>,
-    ) -> Result<Result<(f64, String), Ended>, DriveError> {
+        (mut nearest, mut limit): (Nearest, String),
+        caller: &mut Caller<'_, O>,
+    ) -> Result<Result<(f64, String), Interruption>, DriveError> {
         let step = desk.step_in_unit(turn);
         while let Some(mut value) = nearest.next() {
-            if let Some(ended) = self.pass(observer, tell)? {
-                return Ok(Err(ended));
+            if (caller.stop_waits)(self.driven.now()) {
+                return Ok(Err(Interruption::StopWaits));
+            }
+            if let Some(ended) = self.pass(caller.observer, caller.tell)? {
+                return Ok(Err(Interruption::Ended(ended)));
             }
             if turn.is_whole {
                 let Some(whole) = nearest.whole(value, 1.0) else { break };
@@ -987,6 +1052,21 @@ impl<B: Leased> Show<B> {
         }
         self.earlier.push(EarlierMotion { desk, tempo: self.tempo });
     }
+}
+
+/// Who lets the motion run: what hears of edges and of what happens, and knows whether a stop waits.
+struct Caller<'a, O> {
+    observer: &'a mut O,
+    tell: Tell<'a>,
+    stop_waits: StopWaits<'a>,
+}
+
+/// Why the search for a nearer value has no end.
+enum Interruption {
+    /// The motion has ended.
+    Ended(Ended),
+    /// A stop waits to be obeyed.
+    StopWaits,
 }
 
 impl PendingChange {
@@ -1267,7 +1347,9 @@ fn set_times(event: &mut LiveEvent, (from, until): (f64, f64)) {
         | LiveEvent::Motion { from_s, until_s }
         | LiveEvent::TakenBack { from_s, until_s, .. }
         | LiveEvent::Rejoined { from_s, until_s, .. } => (*from_s, *until_s) = (from, until),
-        LiveEvent::MotionRefused { .. }
+        LiveEvent::AlreadyRuns
+        | LiveEvent::MotionEnded { .. }
+        | LiveEvent::MotionRefused { .. }
         | LiveEvent::Refused { .. }
         | LiveEvent::Resting { .. }
         | LiveEvent::Late { .. }

@@ -401,6 +401,8 @@ impl Translator {
                 self.tell_error(&format!("the motion file was not taken over: {place}{error}"), None, replies);
             }
             LiveEvent::Unplugged { why, .. } | LiveEvent::Unplaced { why, .. } => self.tell_error(why, None, replies),
+            LiveEvent::AlreadyRuns => self.state("running", replies),
+            LiveEvent::MotionEnded { .. } => self.state("ended", replies),
             LiveEvent::Resting { .. } | LiveEvent::Placed { .. } | LiveEvent::Late { .. } => {}
             LiveEvent::Refused { command, why } => self.tell_refusal(&Request::Live(command.clone()), why, replies),
         }

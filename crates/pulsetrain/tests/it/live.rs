@@ -111,7 +111,9 @@ impl<B: Leased> Stage<B> {
     #[track_caller]
     pub(crate) fn answer(&mut self) -> LiveEvent {
         for _ in 0..1000 {
-            let place = self.happened.iter().position(|happened| matches!(happened, Happened::Live(_)));
+            // The motion's end answers nobody.
+            let is_answer = |happened: &Happened| matches!(happened, Happened::Live(event) if !matches!(event, LiveEvent::MotionEnded { .. }));
+            let place = self.happened.iter().position(is_answer);
             if let Some(place) = place
                 && let Happened::Live(event) = self.happened.remove(place)
             {
@@ -440,7 +442,8 @@ fn a_motion_that_has_ended_begins_again() {
     let (motors, _) = TEXT.split_once("law.sweep").unwrap();
     let mut stage = native(&format!("{motors}law.sine = {{ amplitude = \"40 step\", period = \"1 s\", cycles = 2 }}"));
     stage.run(1.0);
-    assert!(stage.refused("begin").contains("has begun"));
+    stage.line("begin");
+    assert_eq!(stage.answer(), LiveEvent::AlreadyRuns);
     stage.run(6.0);
     assert_eq!((swing(&mut stage, 0, 1.0), swing(&mut stage, 1, 1.0)), ((0, 0), (0, 0)), "it has ended");
     stage.line("begin");
@@ -604,7 +607,8 @@ fn motors_rest_until_the_motion_is_to_begin_from_its_start() {
     assert_eq!(swing(&mut stage, 0, 2.0), (0, 40));
     // The next cue has followed meanwhile.
     stage.happened.clear();
-    assert!(stage.refused("begin").contains("has begun"));
+    stage.line("begin");
+    assert_eq!(stage.answer(), LiveEvent::AlreadyRuns);
     stage.ask(rest(false, "Tue"));
     while !matches!(stage.answer(), LiveEvent::Resting { .. }) {}
     stage.run(3.0);
@@ -977,6 +981,79 @@ fn a_return_to_the_motion_pushes_out_no_earlier_one() {
     stage.check_limits();
 }
 
+/// A schedule's start that finds the motion running, since somebody began it by hand, is no error.
+#[test]
+fn what_is_to_run_and_does_goes_on() {
+    for start in ["begin", "resume"] {
+        let mut stage = native(TEXT);
+        stage.run(1.0);
+        if start == "resume" {
+            for line in ["pause", "resume"] {
+                stage.line(line);
+                stage.run(2.0);
+            }
+        }
+        stage.happened.clear();
+        stage.line(start);
+        assert_eq!(stage.answer(), LiveEvent::AlreadyRuns, "{start}");
+        assert_ne!(swing(&mut stage, 0, 2.0).1, 0);
+        let is_refused = |it: &Happened| matches!(it, Happened::Session(Event::Refused { .. }));
+        assert!(!stage.happened.iter().any(is_refused));
+        // While it is paused the start is refused, and says what goes on.
+        stage.line("pause");
+        stage.run(2.0);
+        assert!(stage.refused("begin").contains("`resume` goes on"));
+        stage.stop();
+    }
+}
+
+/// A motion of one motor that ends after 2 s.
+const TO_AND_FRO: &str = "board = \"uno\"\n[motor.a]\nsteps_per_rev = 200\nmicrosteps = 8\ndriver = \"A4988\"\npins = { step = 4, dir = 5 }\n\
+     forward = \"high\"\nmax_speed = \"4 rev/s\"\nmax_acceleration = \"30 rev/s^2\"\n[[motion]]\nmotor = \"a\"\n\
+     law.sine = { amplitude = \"0.25 rev\", period = \"1 s\", cycles = 2 }\n";
+
+/// When the motion was told to have ended, s.
+fn ends<B: Leased>(stage: &Stage<B>) -> Vec<f64> {
+    let ends = stage.happened.iter().filter_map(|happened| match happened {
+        Happened::Live(LiveEvent::MotionEnded { at_s }) => Some(*at_s),
+        _ => None,
+    });
+    ends.collect()
+}
+
+#[test]
+fn a_motion_says_once_that_it_has_ended() {
+    let mut stage = native(TO_AND_FRO);
+    stage.run(1.9);
+    assert!(ends(&stage).is_empty());
+    stage.run(3.0);
+    let [at_s] = ends(&stage)[..] else { panic!("{:?}", ends(&stage)) };
+    assert!((2.0..2.1).contains(&at_s), "{at_s}");
+    // What changes its end is no new end; a longer motion has one.
+    stage.happened.clear();
+    stage.line("a.amplitude 0.2 rev");
+    stage.run(1.0);
+    assert!(ends(&stage).is_empty());
+    stage.line("a.cycles 8");
+    stage.run(6.0);
+    let [at_s] = ends(&stage)[..] else { panic!("{:?}", ends(&stage)) };
+    assert!((8.0..8.2).contains(&at_s), "{at_s}");
+    // So has one that begins again, and not one that motors leave for a position.
+    stage.happened.clear();
+    stage.line("begin");
+    stage.run(1.0);
+    assert!(ends(&stage).is_empty());
+    stage.run(2.0);
+    assert_eq!(ends(&stage).len(), 1);
+    stage.happened.clear();
+    stage.line("begin");
+    stage.run(0.5);
+    stage.line("goto 0");
+    stage.run(4.0);
+    assert!(ends(&stage).is_empty());
+    stage.stop();
+}
+
 /// Whatever comes with it. A run whose board is lost then ends: it does not wait for the board.
 #[test]
 fn a_stop_is_obeyed_before_what_comes_with_it() {
@@ -1004,6 +1081,46 @@ fn a_stop_is_obeyed_before_what_comes_with_it() {
     assert_eq!(set(stage.answer()).0, "a.swing");
     stage.run(10.0);
     assert!(stage.ended.is_some());
+}
+
+/// The nearest value that holds takes steps to find: a stop that comes meanwhile does not wait for it.
+#[test]
+fn a_stop_ends_the_search_for_the_nearest_value() {
+    let (passes, stopped_after) = (std::cell::Cell::new(0), 3);
+    for at_s in [None, Some(1.7)] {
+        let mut stage = native(TEXT);
+        stage.run(1.3);
+        let Stage { show, happened, edges, ended } = &mut stage;
+        passes.set(0);
+        let hertz = u64::from(16_000_000_u32);
+        let until = std::cell::Cell::new(u64::MAX);
+        let mut stop_waits = |now: u64| {
+            passes.set(passes.get() + 1);
+            if passes.get() == stopped_after {
+                until.set(now);
+            }
+            passes.get() >= stopped_after
+        };
+        let request = together(&["b.frequency 50 Hz", "a.swing 20 step"], at_s);
+        let mut observer = |edge: Edge| edges.push(edge);
+        let mut tell = |event| happened.push(event);
+        *ended = show.obey_until(request, &mut stop_waits, &mut observer, &mut tell).unwrap();
+        for _ in 0..100 {
+            if until.get() == u64::MAX {
+                *ended = show.step_until(&mut stop_waits, &mut observer, &mut tell).unwrap();
+            }
+        }
+        // No time has passed since the stop was seen, and the search was not long before that.
+        assert_eq!((show.now(), passes.get()), (until.get(), stopped_after));
+        assert!(until.get() < show.zero() + 2 * hertz);
+        for knob in ["b.frequency", "a.swing"] {
+            let LiveEvent::Refused { command: LiveCommand::Set { knob: refused, .. }, why } = stage.answer() else {
+                panic!("{knob} is not refused")
+            };
+            assert_eq!((refused.as_str(), why.as_str()), (knob, "a stop came meanwhile"));
+        }
+        assert!(stage.stop().stopped);
+    }
 }
 
 #[test]
@@ -1430,9 +1547,8 @@ fn a_page_opens_and_osc_turns_a_knob() {
     assert_eq!(live.wait().unwrap().code(), Some(0));
 }
 
-/// A path on a straight line, y = 2x, is on that line while it changes, too.
-#[test]
-fn an_xy_machine_changes_over_along_its_path() {
+/// A plotter whose path goes to and fro on the line y = 2x, with more lines for its machine.
+fn plotter(limits: &str) -> String {
     let motor = |name: &str, step: u8| {
         format!(
             "[motor.{name}]\nsteps_per_rev = 200\nlead = \"8 mm\"\ndriver = \"A4988\"\npulse_high = \"2 us\"\npins = {{ step = {step}, dir = {} }}\n\
@@ -1440,12 +1556,56 @@ fn an_xy_machine_changes_over_along_its_path() {
             step + 1
         )
     };
-    let text = format!(
-        "board = \"uno\"\n{}{}[machine.table]\nkind = \"xy\"\nmotors = [\"x\", \"y\"]\n[[motion]]\nmachine = \"table\"\nrepeat = \"forever\"\n\
+    format!(
+        "board = \"uno\"\n{}{}[machine.table]\nkind = \"xy\"\nmotors = [\"x\", \"y\"]\n{limits}[[motion]]\nmachine = \"table\"\nrepeat = \"forever\"\n\
          path.formula = {{ x = \"a*sin(2*pi*t/T)^2\", y = \"2*a*sin(2*pi*t/T)^2\", where = {{ a = \"5 mm\", T = \"2 s\" }}, unit = \"mm\", duration = \"2 s\" }}\n",
         motor("x", 8),
         motor("y", 10)
-    );
+    )
+}
+
+/// The tip makes 35.1 mm/s and 221 mm/s², and the motors could do more.
+#[test]
+fn a_tempo_keeps_to_the_limits_of_the_tip() {
+    for (limits, highest, limit) in [
+        ("max_speed = \"60 mm/s\"\nmax_acceleration = \"1000 mm/s^2\"\n", 0.97 * 60.0 / 35.124, "max_speed"),
+        ("max_acceleration = \"500 mm/s^2\"\n", (0.97_f64 * 500.0 / 220.69).sqrt(), "max_acceleration"),
+    ] {
+        let mut stage = native(&plotter(limits));
+        stage.run(1.3);
+        stage.line("tempo 3");
+        stage.run(0.5);
+        let told = stage.happened.iter().find_map(|happened| match happened {
+            Happened::Session(Event::Tempo { rate, ceiling, .. }) => Some((*rate, ceiling.clone())),
+            _ => None,
+        });
+        let (rate, ceiling) = told.expect("a tempo");
+        assert!((rate - highest).abs() < 1e-3, "{rate}, not {highest}");
+        assert_eq!(ceiling, Some(format!("table: {limit}")));
+        // The file's reader would allow it, but not at this tempo.
+        stage.line("table.a 7 mm");
+        let (_, value, ceiling, _, _) = set(stage.answer());
+        assert!((5.0..5.2).contains(&value), "{value} mm");
+        assert_eq!(ceiling, Some(format!("table: {limit}")));
+        stage.line("tempo 1");
+        stage.run(0.5);
+        stage.line("table.a 7 mm");
+        let (_, value, ceiling, _, _) = set(stage.answer());
+        assert_eq!((value, ceiling), (7.0, None));
+        // With the change, too.
+        stage.run(1.0);
+        stage.ask(together(&["table.a 5 mm", "tempo 3"], None));
+        assert_eq!(set(stage.answer()).1, 5.0);
+        let (rate, ceiling) = tempos(&stage).last().map(|tempo| tempo.0).zip(Some(limit)).expect("a tempo");
+        assert!((rate - highest).abs() < 1e-3, "{rate}, not {highest}, {ceiling}");
+        stage.stop();
+    }
+}
+
+/// A path on a straight line, y = 2x, is on that line while it changes, too.
+#[test]
+fn an_xy_machine_changes_over_along_its_path() {
+    let text = plotter("");
     let mut stage = native(&text);
     stage.run(1.3);
     stage.line("table.a 9 mm");

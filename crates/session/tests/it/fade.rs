@@ -3,13 +3,14 @@
 use crate::session::{Bench, Lab, TICK_HZ, check_acceleration, check_counts, motor, planned, program};
 use proptest::prelude::*;
 use pulsetrain_board::{Board, Leased};
-use pulsetrain_motion::law::Begin;
+use pulsetrain_motion::law::{Begin, WinchCommand, WinchSettings};
 use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::{Limits, Program};
 use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Law, Time};
 use pulsetrain_plan::Line;
 use pulsetrain_session::fade::{Begins, Change};
+use pulsetrain_session::pause::{Limited, PauseError};
 use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::limits::check_speed;
 use std::sync::Arc;
@@ -535,6 +536,64 @@ fn thousands_of_changes_lose_no_phase() {
             assert!(off.is_some_and(|off| off <= 2), "motor {motor} at {tick}: {off:?}");
         }
     }
+}
+
+/// A winch whose `duration` ends while the motor still moves would brake much later, and be taken back then: it is refused at once.
+#[test]
+fn a_law_that_ends_in_motion_is_refused_at_once() {
+    let commands = [(Time::ZERO, WinchCommand::Target(800.0)), (seconds(2.0), WinchCommand::Target(0.0))];
+    let winch = |end_s: Option<f64>| Law::winch(&commands, WinchSettings::default(), end_s.map(seconds)).unwrap();
+    let limited = |law: Law, pull_in: f64| of_one(law, Limits { pull_in, ..LIMITS });
+    let begun = limited(winch(None), 50.0);
+    let mut lab = Lab::new(&begun);
+    let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
+    session.advance(session.zero() + TICK_HZ, &mut lab).unwrap();
+    let refused = |law: Law, pull_in: f64| {
+        let program = Arc::new(limited(law, pull_in));
+        let change = Change { program, over: None, begins: Begins::WithTheMotion };
+        session.ceiling_of(&change).unwrap().map(|ceiling| (ceiling.of, ceiling.limit))
+    };
+    let pull_in = Some((Limited::Motor(0), "pull_in"));
+    assert_eq!(refused(winch(Some(2.3)), 50.0), pull_in);
+    assert_eq!(refused(winch(Some(2.3)), 5000.0), None);
+    // It rests by then; it has ended before; it has no end; it ends at rest, however hard it brakes.
+    assert_eq!(refused(winch(Some(22.0)), 50.0), None);
+    assert_eq!(refused(winch(Some(0.3)), 50.0), None);
+    assert_eq!(refused(winch(None), 50.0), None);
+    assert_eq!(refused(Law::sine(300.0, seconds(0.6), Some(4)).unwrap(), 0.0), None);
+    assert_eq!(refused(Law::trapezoid(20_000.0, 5000.0, 39_000.0, 39_000.0).unwrap(), 0.0), None);
+    assert_eq!(refused(Law::speed(100.0, Some(seconds(3.0))).unwrap(), 50.0), pull_in);
+}
+
+/// A program of one motor.
+fn of_one(law: Law, limits: Limits) -> Program {
+    program(16, vec![motor(0, law, false, limits)])
+}
+
+/// A formula's speed changes the whole way since the beginning: where the limits leave no room for that, the refusal says what to write.
+#[test]
+fn laws_that_part_are_refused_plainly() {
+    let turns = |speed: f64| of_one(Law::formula(&format!("{speed}*t"), &[], 1.0, None).unwrap(), LIMITS);
+    let turns = |speed: f64| {
+        let mut program = turns(speed);
+        program.motors[0].law = program.motors[0].law.clone().beginning(Begin::Jump).unwrap();
+        program
+    };
+    let begun = turns(3000.0);
+    let mut lab = Lab::new(&begun);
+    let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
+    session.advance(session.zero() + TICK_HZ, &mut lab).unwrap();
+    let mut refused = |program: Program| {
+        let change = Change { program: Arc::new(program), over: None, begins: Begins::WithTheMotion };
+        session.change_to(&change).unwrap_err()
+    };
+    let error = refused(turns(5500.0));
+    assert_eq!(error, SessionError::Pause(PauseError::Parting { within_s: 600.0 }));
+    assert!(error.to_string().contains("write `law.speed`"), "{error}");
+    // One that only takes too much does not part.
+    let full = of_one(Law::formula("3000*t + 400*sin(10*t)", &[], 1.0, None).unwrap(), LIMITS);
+    let error = refused(full);
+    assert!(matches!(error, SessionError::Pause(PauseError::NoRoom { .. })), "{error}");
 }
 
 /// The most that a tip makes from now to a tick, mm/s and mm/s². `tip` is where it is, from the motors' positions.

@@ -13,9 +13,11 @@ use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Sca
 use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Grid, Law, Time, law::Cursor};
 use pulsetrain_plan::{Ensemble, Move, Settings};
+use pulsetrain_session::fade::{Begins, Change};
 use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::limits;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 pub(super) const TICK_HZ: u64 = 16_000_000;
 const TIMING: DriverTiming =
@@ -85,6 +87,11 @@ pub(super) struct Bench {
     heard: Option<LeaseState>,
     /// So many switches come when their tick is past.
     late_switches: u32,
+    /// So many extensions are refused: at once, or by the board's answer.
+    refusals: u32,
+    refuses_at_once: bool,
+    /// Whether the extensions were accepted whose answers are due, oldest first.
+    answers: VecDeque<bool>,
 }
 
 impl Bench {
@@ -120,6 +127,9 @@ impl Bench {
             cut_at_brake: None,
             heard: None,
             late_switches: 0,
+            refusals: 0,
+            refuses_at_once: false,
+            answers: VecDeque::new(),
         }
     }
 }
@@ -194,14 +204,25 @@ impl Leased for Bench {
         self.native.switch(epoch, tick, lease, limits)
     }
     fn extend(&mut self, lease: Lease, limits: &[Limit]) -> Result<(), ExtendRefused> {
+        if let Some(left) = self.refusals.checked_sub(1) {
+            self.refusals = left;
+            if self.refuses_at_once {
+                return Err(ExtendRefused::Late { horizon: self.native.horizon() });
+            }
+            self.answers.push_back(false);
+            return Ok(());
+        }
         if self.delay == 0 {
-            return self.native.extend(lease, limits);
+            self.native.extend(lease, limits)?;
+            self.native.extended();
+            self.answers.push_back(true);
+            return Ok(());
         }
         self.on_their_way.push_back((lease, limits.to_vec(), self.native.now() + self.delay));
         Ok(())
     }
     fn extended(&mut self) -> Option<bool> {
-        if self.lost.is_some() { None } else { self.native.extended() }
+        if self.lost.is_some() { None } else { self.answers.pop_front().or_else(|| self.native.extended()) }
     }
     fn await_extensions(&mut self) {
         for (lease, limits, _) in self.on_their_way.drain(..).filter(|_| self.lost.is_none()) {
@@ -961,6 +982,124 @@ proptest! {
         prop_assert_eq!(report.failure, None);
         prop_assert_eq!(&lab.counted, &before.iter().map(|count| count - 100).collect::<Vec<_>>());
         prop_assert_eq!(report.counted, report.replayed);
+    }
+}
+
+/// The lease before an extension that is refused stands, whether the board answers so or the line refuses it at once.
+#[test]
+fn a_refused_extension_leaves_the_lease_as_it_was() {
+    let limits = Limits { max_speed: None, max_acceleration: Some(40_000.0), pull_in: 0.0 };
+    let law = Law::sine(300.0, Time::from_seconds(0.6), Some(6)).unwrap();
+    let program = program(16, vec![motor(0, law, false, limits)]);
+    let planned = planned(&program).unwrap();
+    for at_once in [false, true] {
+        for refusals in [1, 2, 5, u32::MAX] {
+            let mut lab = Lab::new(&program);
+            let mut session = Session::new(Bench::new(&program, 256), program.clone()).unwrap();
+            session.advance(TICK_HZ, &mut lab).unwrap();
+            let lease = session.committed_until();
+            (session.board_mut().refusals, session.board_mut().refuses_at_once) = (refusals, at_once);
+            session.fill().unwrap();
+            assert_eq!(session.committed_until(), lease);
+            let report = session.run(&mut lab, |_| {});
+            assert_eq!((&report.counted, &report.counted), (&report.replayed, &lab.counted));
+            check_acceleration(&lab.steps[0], 40_000.0, 1.5).unwrap();
+            let steps = lab.steps[0].iter().map(|(tick, sign)| (tick - report.zero, *sign));
+            if refusals == u32::MAX {
+                // All of them: the motor brakes from the end of that lease on.
+                let until = lease - report.zero;
+                let is_before = |(tick, _): &(u64, i64)| *tick < until;
+                assert!(report.failure.is_some() && steps.len() < planned[0].len());
+                assert!(steps.filter(is_before).eq(planned[0].iter().copied().filter(is_before)));
+            } else {
+                assert_eq!((report.failure, session.board().refusals), (None, 0));
+                assert!(steps.eq(planned[0].iter().copied()));
+            }
+        }
+    }
+}
+
+/// A change to a plan that brakes harder asks the board for that first. If it refuses, the old motion goes on.
+#[test]
+fn a_change_whose_limits_are_refused_is_tried_again_or_not_made() {
+    let law = |swing: f64| Law::sine(swing, Time::from_seconds(0.6), None).unwrap();
+    let limited = |limit: f64| Limits { max_speed: None, max_acceleration: Some(limit), pull_in: 0.0 };
+    let begun = program(16, vec![motor(0, law(100.0), false, limited(20_000.0))]);
+    let next = Arc::new(program(16, vec![motor(0, law(200.0), false, limited(40_000.0))]));
+    for at_once in [false, true] {
+        for (refusals, is_made) in [(1, true), (2, true), (u32::MAX, false)] {
+            let mut lab = Lab::new(&begun);
+            let mut session = Session::new(Bench::new(&begun, 256), begun.clone()).unwrap();
+            session.advance(TICK_HZ, &mut lab).unwrap();
+            (session.board_mut().refusals, session.board_mut().refuses_at_once) = (refusals, at_once);
+            let change = Change { program: Arc::clone(&next), over: None, begins: Begins::WithTheMotion };
+            let changed = session.change_to(&change);
+            if !is_made {
+                assert!(matches!(changed, Err(SessionError::Switch(SwitchRefused::Late { .. }))), "{changed:?}");
+            }
+            assert_eq!(changed.is_ok(), is_made, "{changed:?}");
+            session.board_mut().refusals = 0;
+            let now = session.board().now();
+            session.advance(now + 2 * TICK_HZ, &mut lab).unwrap();
+            let counts = |from: u64| {
+                let mut count = 0;
+                let after = lab.steps[0].iter().filter_map(|(tick, sign)| {
+                    count += sign;
+                    (*tick >= from).then_some(count)
+                });
+                { after }.max().unwrap()
+            };
+            assert_eq!(counts(now + TICK_HZ), if is_made { 400 } else { 200 });
+            session.stop().unwrap();
+            let report = session.run(&mut lab, |_| {});
+            assert_eq!((report.failure, &report.counted), (None, &report.replayed));
+            check_acceleration(&lab.steps[0], 40_000.0, 1.5).unwrap();
+        }
+    }
+}
+
+/// A plan that ends gets its own limits, since its lease is not extended again, and the plan before it brakes by them until then.
+#[test]
+fn a_plan_that_ends_may_bring_lower_limits() {
+    const LOW: f64 = 9000.0;
+    let limited = |limit: f64| Limits { max_speed: None, max_acceleration: Some(limit), pull_in: 0.0 };
+    let law = Law::sine(300.0, Time::from_seconds(0.6), None).unwrap();
+    let begun = program(16, vec![motor(0, law, false, limited(40_000.0))]);
+    // From rest, with a plan that the board has at once; and from full speed, with one whose end it gets while the change waits for its tick.
+    for (begin_s, distance) in [(1.2, 3.0), (1.05, 10.0)] {
+        for stops in [None, Some(false), Some(true)] {
+            let mut lab = Lab::new(&begun);
+            let mut session = Session::new(Bench::new(&begun, 256), begun.clone()).unwrap();
+            let begin = session.zero() + (begin_s * TICK_HZ as f64) as u64;
+            session.advance(begin - TICK_HZ / 100, &mut lab).unwrap();
+            assert!(session.earliest() < begin);
+            let state = session.state(0, begin).unwrap();
+            let mut next = begun.clone();
+            next.motors[0].limits = limited(LOW);
+            next.motors[0].law =
+                onward(state, &Law::trapezoid(distance, 400.0, 0.9 * LOW, 0.9 * LOW).unwrap(), 0.9 * LOW);
+            session.change(begin, next).unwrap();
+            assert!(session.is_complete(), "the lease has no end");
+            let steps_before = lab.steps[0].len();
+            if let Some(is_before) = stops {
+                if !is_before {
+                    session.advance(begin + TICK_HZ / 200, &mut lab).unwrap();
+                }
+                session.stop().unwrap();
+            }
+            let report = session.run(&mut lab, |_| {});
+            assert_eq!((report.failure, &report.counted, &report.counted), (None, &report.replayed, &lab.counted));
+            assert_eq!(report.faults, [Faults::default()]);
+            let steps = &lab.steps[0];
+            // At its full speed the old law has next to no acceleration, and at its turn all that it has.
+            let is_slow = |(tick, _): &&(u64, i64)| begin_s == 1.05 || *tick >= begin;
+            let slow: Vec<(u64, i64)> = steps[steps_before..].iter().filter(is_slow).copied().collect();
+            check_acceleration(&slow, LOW * 1.02, 3.0).unwrap();
+            // At its full speed a motor needs 548 steps to brake by the low limit, and 123 by the other one.
+            if begin_s == 1.05 {
+                assert!(steps.len() - steps_before > 500, "{} steps", steps.len() - steps_before);
+            }
+        }
     }
 }
 

@@ -207,6 +207,12 @@ function happen(line, isPast) {
     case "began":
       tell(`The motion begins${until}.`, { at });
       break;
+    case "already_runs":
+      tell("The motion runs already, and goes on.", { at });
+      break;
+    case "motion_ended":
+      tell("The motion has ended, and the motors rest. A knob, a cue or the file changes it; the line begin begins it again; Stop ends the session.", { at });
+      break;
     case "resting":
       tell(line.until ? `It is not time: the motors rest. The motion begins on ${line.until}.` : "The motors rest.", { at });
       break;

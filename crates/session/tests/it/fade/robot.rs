@@ -4,6 +4,7 @@ use super::*;
 use pulsetrain_motion::Grid;
 use pulsetrain_motion::law::{Cursor, Interpolation, Joint, fade_weight};
 use pulsetrain_motion::machine::{Delta, Kinematics, Machine};
+use pulsetrain_session::pause::{Ceiling, Limited};
 
 const ROBOT: Delta = Delta { base_mm: 60.0, upper_arm_mm: 70.0, forearm_mm: 150.0, effector_mm: 25.0 };
 const STEPS_PER_RAD: f64 = 3200.0 / std::f64::consts::TAU;
@@ -343,4 +344,45 @@ fn an_effector_keeps_to_its_limits_in_a_change() {
     assert!(quick[0] > LIMITS[0] && quick[1] > LIMITS[1], "{quick:?}");
     assert!(careful[0] <= LIMITS[0] && careful[1] <= LIMITS[1], "{careful:?}");
     assert!(careful[1] > 0.5 * LIMITS[1] || careful[0] > 0.5 * LIMITS[0], "{careful:?}");
+}
+
+/// A tempo keeps to them as well, and the answer says which of them keeps it lower. While the arms change separately to another path, the tip's way is not
+/// known: the tempo waits.
+#[test]
+fn a_tempo_keeps_to_the_limits_of_the_effector() {
+    // 2π·25 mm / 2 s = 78.5 mm/s, and 246.7 mm/s².
+    let there_and_back = || [swing(25.0, 2.0, 0.0), at_rest(5.0), at_rest(-145.0)];
+    for (tip_limits, highest, limit) in [
+        ([Some(130.0), Some(2000.0)], 0.97 * 130.0 / 78.54, "max_speed"),
+        ([None, Some(400.0)], (0.97_f64 * 400.0 / 246.74).sqrt(), "max_acceleration"),
+    ] {
+        let with_limits = |tip: &Tip| {
+            let mut robot = robot(tip);
+            robot.machines[0].tip_limits = tip_limits;
+            robot
+        };
+        let begun = with_limits(&there_and_back());
+        let mut lab = Lab::new(&begun);
+        let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
+        session.advance(session.zero() + TICK_HZ, &mut lab).unwrap();
+        let wanted = Rate::of(2.0).unwrap();
+        let tempo = session.set_tempo(wanted).unwrap();
+        assert!((tempo.rate.get() - highest).abs() < 1e-3, "{tempo:?}");
+        assert_eq!(tempo.ceiling, Some(Ceiling { of: Limited::Tip(0), limit }));
+        session.advance(tempo.from + TICK_HZ / 2, &mut lab).unwrap();
+        session.set_tempo(Rate::ONE).unwrap();
+        session.advance(session.board().now() + TICK_HZ, &mut lab).unwrap();
+        // The arms change separately, since a length of the first one changes.
+        let path = [swing(25.0, 1.9, 0.0), at_rest(5.0), at_rest(-145.0)];
+        let mut apart = with_limits(&path);
+        apart.motors[0].law = Law::arm(Joint::new(Delta { forearm_mm: 151.0, ..ROBOT }, 0, STEPS_PER_RAD), path);
+        let change = Change { program: Arc::new(apart), over: Some(seconds(1.0)), begins: Begins::WithTheMotion };
+        let transition = session.change_to(&change).unwrap();
+        session.advance(transition.from + TICK_HZ / 10, &mut lab).unwrap();
+        let Err(SessionError::Waiting { until, .. }) = session.set_tempo(wanted) else { panic!("it does not wait") };
+        assert!(until > transition.until - TICK_HZ / 10, "{until}, {transition:?}");
+        session.advance(until, &mut lab).unwrap();
+        let tempo = session.set_tempo(wanted).unwrap();
+        assert!(tempo.rate < wanted && tempo.ceiling.is_some_and(|it| it.of == Limited::Tip(0)), "{tempo:?}");
+    }
 }
