@@ -211,13 +211,13 @@ impl Law {
     }
 }
 
-/// The paths of two laws of one arm, for a look at how one fades into the other.
+/// The paths of two laws of one arm, read to see how one fades into the other.
 pub struct PathPair {
     paths: [ArmPath; 2],
     laws: [PathCursor; 2],
 }
 
-/// A law of an arm, and its path.
+/// Reads a law of an arm, and its path.
 struct PathCursor {
     joint: Joint,
     law: Cursor,

@@ -27,7 +27,8 @@ pub struct Repeated {
 /// Laws one after the other, each from where the one before ended.
 pub struct Sequence {
     laws: Box<[Law]>,
-    /// Where the first of them begin, as far as somebody has asked: each cursor would have to work out the ends of all laws before its time.
+    /// Where the laws begin, from the first up to the last that was read so far. Without it each cursor would work out the ends of all laws before its
+    /// time.
     begun: Mutex<Vec<Begun>>,
 }
 
@@ -214,7 +215,7 @@ impl std::ops::Deref for Sequence {
     }
 }
 
-/// Where they begin follows from the laws.
+/// `begun` does not count: it follows from the laws.
 impl PartialEq for Sequence {
     fn eq(&self, other: &Sequence) -> bool {
         self.laws == other.laws

@@ -189,7 +189,7 @@ mod tests {
         check(Ok(Law::formula("30*sin(7*t)", &[], 200.0, None).unwrap()), KEPT + 10);
     }
 
-    /// Once somebody has walked through laws that follow one another, others find a later one at once.
+    /// After one cursor has walked through laws that follow one another, other cursors find a later law at once.
     #[test]
     fn a_later_law_is_found_without_those_before() {
         let s = Time::from_seconds;

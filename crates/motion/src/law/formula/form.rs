@@ -191,7 +191,7 @@ impl Form {
         (curve, level)
     }
 
-    /// All its numbers: forms with the same ones are equal.
+    /// All its numbers. Forms with equal numbers are equal.
     pub(super) fn numbers(&self) -> Vec<u64> {
         let harmonics = self.harmonics.iter().flat_map(|h| [h.amplitude, h.omega, h.phase]);
         let numbers = self.polynomial.iter().copied().chain(harmonics).flat_map(|c| [c.hi.to_bits(), c.lo.to_bits()]);

@@ -184,7 +184,7 @@ impl Div for Enclosed {
     }
 }
 
-/// The least and the greatest of four numbers; `None` if one of them is none. Most of the time that a motion takes to be read is spent here.
+/// The least and the greatest of four values; `None` if one of them is not a number. Most of the time for reading a robot's motion is spent here.
 fn range([a, b, c, d]: [f64; 4]) -> Option<(f64, f64)> {
     let less = |a: f64, b: f64| if a < b { a } else { b };
     let more = |a: f64, b: f64| if a > b { a } else { b };

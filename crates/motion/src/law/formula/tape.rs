@@ -19,7 +19,7 @@ enum Op {
     Unary(Unary),
     /// Takes two series and leaves one.
     Binary(Binary),
-    /// Keeps the topmost series at a place: the formula has it again.
+    /// Keeps the topmost series at a place, since the formula has the same part again.
     Keep(usize),
     /// Pushes a series that was kept.
     Recall(usize),
@@ -44,14 +44,14 @@ pub(super) struct LocalForm {
 
 /// Stacks of up to this many series need no allocation.
 const SHALLOW: usize = 8;
-/// No more parts of a formula than this are kept for when it has them again: a robot's arm has its coordinates three times.
+/// At most so many parts that a formula has again are kept. The formula of a robot's arm has each coordinate three times.
 const MOST_REPEATED: usize = 8;
 
-/// The parts of an expression, equal ones once.
+/// The parts of an expression. Equal parts are one entry.
 #[derive(Default)]
 struct Parts {
     parts: Vec<Part>,
-    /// Where the part with an operation and operands is, in numbers.
+    /// Each part's place in `parts`, by its operation and operands as numbers.
     known: BTreeMap<Vec<u64>, usize>,
 }
 
