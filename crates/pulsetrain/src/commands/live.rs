@@ -545,7 +545,8 @@ impl Parts {
         log.iter_mut().for_each(|log| log.time.0 = news.base + zero);
         loop {
             let mut requests = 0;
-            while requests < MOST_REQUESTS {
+            // A stop that ended a search is given at the tick at which it was seen: a replay of the log ends the search there.
+            while requests < MOST_REQUESTS || self.incoming.stop_waits(self.control.requests()) {
                 let wait = pace.as_mut().map_or(Duration::ZERO, |pace| pace.ahead(time(show.now())));
                 let Some(request) = self.incoming.next(self.control.requests(), wait, show.desk()) else { break };
                 requests += 1;

@@ -252,7 +252,7 @@ fn is_whole(log: &Replay) -> bool {
     log.lines.last().is_some_and(|line| line.entry == LogEntry::Over)
 }
 
-/// Whether a stop was asked for by a tick, which the motion has not been asked for yet.
+/// Whether the lines that are left have a stop, at this tick or before it.
 fn stop_waits(lines: &[LogLine], tick: u64) -> bool {
     let until_now = lines.iter().take_while(|line| line.tick <= tick);
     { until_now }.any(|line| matches!(&line.entry, LogEntry::Asked(request) if has_stop(request)))
@@ -316,7 +316,7 @@ mod tests {
     use crate::live::{KnobValue, LiveCommand, LiveEvent, Request};
     use pulsetrain_session::control::Command;
 
-    /// A stop that ended the search for a knob's nearest value in the log ends it at the same tick again.
+    /// A stop ended the search for a knob's nearest value while the log was written: it ends the replay's search at the same tick.
     #[test]
     fn a_stop_ends_a_search_where_it_did() {
         let text = include_str!("../../../../examples/live.toml");

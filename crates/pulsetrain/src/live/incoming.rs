@@ -30,8 +30,8 @@ impl Incoming {
             return Some(request);
         }
         if self.reading.is_some() {
-            if let Some(place) = self.waiting.iter().position(has_stop) {
-                return self.waiting.remove(place);
+            if let Some(stop) = self.waiting_stop() {
+                return Some(stop);
             }
             let request = next_request(requests, wait)?;
             if matches!(request, Request::Session(_)) || has_stop(&request) {
@@ -47,7 +47,13 @@ impl Incoming {
         }
         let (desk, to_read) = (desk.clone(), request.clone());
         self.reading = Some((request, thread::spawn(move || read(desk, to_read))));
-        None
+        self.waiting_stop()
+    }
+
+    /// Takes the first request with a stop out of those that wait.
+    fn waiting_stop(&mut self) -> Option<Request> {
+        let place = self.waiting.iter().position(has_stop)?;
+        self.waiting.remove(place)
     }
 
     /// Whether a stop that is to be obeyed at once is among the requests that have come.
@@ -176,6 +182,12 @@ mod tests {
         assert!(incoming.stop_waits(&requests) && requests.try_recv().is_err());
         assert_eq!(incoming.next(&requests, Duration::ZERO, &desk), Some(Request::Session(Command::StopNow)));
         assert!(!incoming.stop_waits(&requests));
+        // Behind a knob that takes long to read and a request for a later time, neither of which it may be joined with.
+        let mut behind = Incoming::default();
+        let all = [set(33.0), timed.clone(), Request::Session(Command::Stop)];
+        all.into_iter().for_each(|request| sender.send(request).unwrap());
+        assert!(behind.stop_waits(&requests));
+        assert_eq!(behind.next(&requests, Duration::ZERO, &desk), Some(Request::Session(Command::Stop)));
         let mut away = Incoming { waiting: incoming.waiting.clone(), reading: None };
         assert_eq!(away.next_without_board(&requests, Duration::ZERO), Some(set(31.0)));
         assert_eq!(away.next_without_board(&requests, Duration::ZERO), Some(timed));
