@@ -175,9 +175,9 @@ pub enum LiveEvent {
         /// See `from_s`.
         until_s: f64,
     },
-    /// The motion was to begin, or to go on, and it runs already: it goes on as it is.
+    /// The answer to `begin` or `resume` while the motion runs: it goes on as it is.
     AlreadyRuns,
-    /// All motors have come to the end of the motion, and rest there. It can begin again, and be changed.
+    /// All motors have come to the end of the motion, and rest there. The motion can begin again, or be changed.
     MotionEnded {
         /// When that was seen, s.
         at_s: f64,

@@ -95,8 +95,8 @@ pub struct Show<B> {
     shifts: Option<Vec<Shift>>,
     /// When the motors rest where they were sent, s of the motion.
     rests_from_s: f64,
-    /// All motors have come to the end of the motion, and that was told.
-    has_told_end: bool,
+    /// Whether clients know that all motors have come to the end of the motion.
+    end_is_known: bool,
 }
 
 /// A motion that the motors followed, for a change that has to be taken back.
@@ -169,7 +169,7 @@ impl<B: Leased> Show<B> {
             halted_at: None,
             shifts: None,
             rests_from_s: 0.0,
-            has_told_end: false,
+            end_is_known: false,
         }
     }
 
@@ -261,8 +261,8 @@ impl<B: Leased> Show<B> {
         self.obey_until(request, &mut |_| false, observer, tell)
     }
 
-    /// As [`Show::obey`]. While a nearer value is looked for, this asks again and again whether a stop waits. If one does, the request is refused, and the
-    /// stop is to be asked for next.
+    /// As [`Show::obey`]. While a knob's nearest value is searched, this calls `stop_waits` before each value. If a stop waits, the request is refused, and
+    /// the caller gives the stop next.
     ///
     /// # Errors
     /// As [`Show::step`].
@@ -393,8 +393,8 @@ impl<B: Leased> Show<B> {
                     self.tempo = *rate;
                 }
                 Event::Failed { .. } if stepped.is_ok() => continue,
-                // Somebody was faster than the schedule, say.
-                Event::Refused { command: Command::Resume, .. } if !self.is_paused && !self.is_parked => {
+                // The schedule starts a motion that a client has begun already, for example.
+                Event::Refused { command: Command::Resume, .. } if self.is_running() => {
                     tell(Happened::Live(LiveEvent::AlreadyRuns));
                     continue;
                 }
@@ -630,18 +630,24 @@ impl<B: Leased> Show<B> {
         left
     }
 
+    /// Whether the motors follow the motion, and will go on to do so.
+    fn is_running(&self) -> bool {
+        let is_stopped = self.is_stopping || self.is_stop_pending();
+        !is_stopped && !self.is_paused && !self.is_parked && !self.driven.has_ended()
+    }
+
     /// Whether all motors have come to the end of the motion, and nothing else is asked for.
     fn has_ended(&self) -> bool {
         self.waiting.is_none() && self.driven.has_ended()
     }
 
-    /// Tells once that the motion has ended.
+    /// Says once that the motion has ended.
     fn tell_end(&mut self, tell: Tell<'_>) {
         let has_ended = self.driven.has_ended();
-        self.has_told_end &= has_ended;
+        self.end_is_known &= has_ended;
         let is_over = has_ended && self.waiting.is_none() && self.joining.is_none() && !self.driven.is_changing();
-        if is_over && !self.has_told_end && !self.is_stopping {
-            self.has_told_end = true;
+        if is_over && !self.end_is_known && !self.is_stopping {
+            self.end_is_known = true;
             tell(Happened::Live(LiveEvent::MotionEnded { at_s: self.now_s }));
         }
     }
@@ -652,6 +658,9 @@ impl<B: Leased> Show<B> {
         if self.is_paused {
             let why = "the motion is paused: `resume` goes on with it; `goto 0` brings the motors to where it begins";
             return refuse(LiveCommand::Begin, &why, tell);
+        }
+        if self.is_stopping || self.is_stop_pending() {
+            return refuse(LiveCommand::Begin, &"a client has stopped the motors, and the session ends", tell);
         }
         if !(will_rest || self.has_ended()) {
             return tell(Happened::Live(LiveEvent::AlreadyRuns));
@@ -820,7 +829,7 @@ impl<B: Leased> Show<B> {
     }
 
     /// The value of a knob nearest to the wanted one that the motors follow, and the limit that the next one would break; `limit` is the wanted one's.
-    /// The motion goes on meanwhile, and may end; a stop that comes is not kept waiting.
+    /// The motion goes on during the search, and may end. A stop ends the search.
     fn nearest<O: Observer>(
         &mut self,
         desk: &Desk,
@@ -1054,14 +1063,14 @@ impl<B: Leased> Show<B> {
     }
 }
 
-/// Who lets the motion run: what hears of edges and of what happens, and knows whether a stop waits.
+/// What the caller of a step gives: an observer of edges, a listener for events, and whether a stop waits.
 struct Caller<'a, O> {
     observer: &'a mut O,
     tell: Tell<'a>,
     stop_waits: StopWaits<'a>,
 }
 
-/// Why the search for a nearer value has no end.
+/// Why the search for a knob's nearest value was given up.
 enum Interruption {
     /// The motion has ended.
     Ended(Ended),

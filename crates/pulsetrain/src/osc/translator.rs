@@ -387,9 +387,12 @@ impl Translator {
             }
             LiveEvent::Goto { until_s, .. }
             | LiveEvent::Returned { until_s, .. }
-            | LiveEvent::Began { until_s, .. }
             | LiveEvent::Motion { until_s, .. }
             | LiveEvent::Rejoined { until_s, .. } => {
+                self.busy_until(*until_s, replies);
+            }
+            LiveEvent::Began { until_s, .. } => {
+                self.state("running", replies);
                 self.busy_until(*until_s, replies);
             }
             LiveEvent::TakenBack { why, until_s, .. } => {

@@ -111,7 +111,7 @@ impl<B: Leased> Stage<B> {
     #[track_caller]
     pub(crate) fn answer(&mut self) -> LiveEvent {
         for _ in 0..1000 {
-            // The motion's end answers nobody.
+            // The motion's end is no answer.
             let is_answer = |happened: &Happened| matches!(happened, Happened::Live(event) if !matches!(event, LiveEvent::MotionEnded { .. }));
             let place = self.happened.iter().position(is_answer);
             if let Some(place) = place
@@ -981,9 +981,9 @@ fn a_return_to_the_motion_pushes_out_no_earlier_one() {
     stage.check_limits();
 }
 
-/// A schedule's start that finds the motion running, since somebody began it by hand, is no error.
+/// A start of the schedule is no error if a client began the motion before.
 #[test]
-fn what_is_to_run_and_does_goes_on() {
+fn a_start_changes_nothing_while_the_motion_runs() {
     for start in ["begin", "resume"] {
         let mut stage = native(TEXT);
         stage.run(1.0);
@@ -1012,7 +1012,7 @@ const TO_AND_FRO: &str = "board = \"uno\"\n[motor.a]\nsteps_per_rev = 200\nmicro
      forward = \"high\"\nmax_speed = \"4 rev/s\"\nmax_acceleration = \"30 rev/s^2\"\n[[motion]]\nmotor = \"a\"\n\
      law.sine = { amplitude = \"0.25 rev\", period = \"1 s\", cycles = 2 }\n";
 
-/// When the motion was told to have ended, s.
+/// The times of the events that say that the motion has ended, s.
 fn ends<B: Leased>(stage: &Stage<B>) -> Vec<f64> {
     let ends = stage.happened.iter().filter_map(|happened| match happened {
         Happened::Live(LiveEvent::MotionEnded { at_s }) => Some(*at_s),
@@ -1054,6 +1054,35 @@ fn a_motion_says_once_that_it_has_ended() {
     stage.stop();
 }
 
+#[test]
+fn a_motion_that_stops_or_has_ended_does_not_run_already() {
+    let mut stage = native(TO_AND_FRO);
+    stage.run(3.0);
+    assert_eq!(ends(&stage).len(), 1);
+    let refusals = |stage: &Stage<Native>| {
+        let is_refused =
+            |it: &&Happened| matches!(it, Happened::Session(Event::Refused { command: Command::Resume, .. }));
+        let says_it_runs = |it: &Happened| *it == Happened::Live(LiveEvent::AlreadyRuns);
+        assert!(!stage.happened.iter().any(says_it_runs));
+        stage.happened.iter().filter(is_refused).count()
+    };
+    stage.line("resume");
+    stage.run(0.1);
+    assert_eq!(refusals(&stage), 1);
+    stage.line("begin");
+    stage.run(0.3);
+    stage.ask(Request::Session(Command::Stop));
+    stage.happened.clear();
+    assert!(stage.refused("begin").contains("the session ends"));
+    stage.step();
+    stage.line("resume");
+    stage.step();
+    assert!(stage.refused("begin").contains("the session ends"));
+    assert_eq!(refusals(&stage), 1);
+    stage.run(2.0);
+    assert!(stage.ended.is_some_and(|ended| ended.stopped));
+}
+
 /// Whatever comes with it. A run whose board is lost then ends: it does not wait for the board.
 #[test]
 fn a_stop_is_obeyed_before_what_comes_with_it() {
@@ -1083,7 +1112,7 @@ fn a_stop_is_obeyed_before_what_comes_with_it() {
     assert!(stage.ended.is_some());
 }
 
-/// The nearest value that holds takes steps to find: a stop that comes meanwhile does not wait for it.
+/// The search for the nearest value takes many steps. A stop that comes during the search does not wait for its end.
 #[test]
 fn a_stop_ends_the_search_for_the_nearest_value() {
     let (passes, stopped_after) = (std::cell::Cell::new(0), 3);

@@ -655,6 +655,16 @@ fn clients_hear_what_happens_where_they_listen() {
     .assert_eq(&heard);
 }
 
+#[test]
+fn clients_hear_that_a_motion_has_ended_and_begins_again() {
+    let mut translator = Translator::new(info(), Some(9001));
+    translator.packet(&bytes(&message("/setDestIp", vec![])), from(5000), now());
+    let mut heard = |event: LiveEvent| shown(&translator.happened(&Happened::Live(event), Instant::now()));
+    assert_eq!(heard(LiveEvent::MotionEnded { at_s: 9.0 }), "9001: /pulsetrain/state (s) ended\n");
+    assert_eq!(heard(LiveEvent::Began { from_s: 10.0, until_s: 10.1 }), "9001: /pulsetrain/state (s) running\n");
+    assert_eq!(heard(LiveEvent::AlreadyRuns), "9001: /pulsetrain/state (s) running\n");
+}
+
 /// A client that never asked to listen hears why its own command was refused, and nobody else's.
 #[test]
 fn a_refusal_goes_to_who_asked() {

@@ -208,10 +208,10 @@ function happen(line, isPast) {
       tell(`The motion begins${until}.`, { at });
       break;
     case "already_runs":
-      tell("The motion runs already, and goes on.", { at });
+      tell("The motion already runs, and goes on.", { at });
       break;
     case "motion_ended":
-      tell("The motion has ended, and the motors rest. A knob, a cue or the file changes it; the line begin begins it again; Stop ends the session.", { at });
+      tell("The motion has ended, and the motors rest. To start it again, type begin at the terminal. A knob, a cue or the file changes it. Stop ends the session.", { at });
       break;
     case "resting":
       tell(line.until ? `It is not time: the motors rest. The motion begins on ${line.until}.` : "The motors rest.", { at });
