@@ -61,7 +61,7 @@ pub struct Transition {
 const SHORTEST_S: f64 = 0.02;
 /// The longest fade that is tried if a shorter one breaks a limit, s.
 const LONGEST_S: f64 = 600.0;
-/// Parts of that time, at whose ends it is looked whether two laws part: at each of them they are further apart by more than a step.
+/// That time is divided into so many parts. Two laws part if their distance is more than a step greater at the end of each part than at its beginning.
 const PARTING_PLACES: u32 = 12;
 /// Each further fade that is tried is longer by this factor.
 const LONGER: f64 = 1.15;
@@ -188,7 +188,8 @@ impl Fade {
         faded(old, turn.new.clone(), self.from, self.over)
     }
 
-    /// What reads a motor's laws; `None` if it goes on as it is. Those of the last duration that was tried are `kept` if they are the same.
+    /// What reads a motor's laws; `None` if the motor's law does not change. `kept` read them for the last duration that was tried; it is used again if
+    /// the laws do not depend on the duration.
     fn reader(&self, motor: usize, old: &Law, kept: Option<Reader>) -> Result<Option<Reader>, PauseError> {
         let Some(turn) = &self.turns[motor] else { return Ok(None) };
         let is_same = turn.old_rate.is_none() && turn.faster.is_none();
@@ -533,26 +534,27 @@ impl Mix {
             over_s *= LONGER;
         }
         let (fade, _) = self.fade(change, (from, Time::from_seconds(least_s)), (&changed, &stopped), &apart)?;
-        Err(match parts(&fade, &old, from)? {
+        Err(match grow_apart(&fade, &old, from)? {
             true => PauseError::Parting { within_s: LONGEST_S },
             false => PauseError::NoRoom { what: "change", within_s: LONGEST_S },
         })
     }
 }
 
-/// Whether a motor's old law and its new one part further and further, as far as fades are tried.
-fn parts(fade: &Fade, old: &[Law], from: Time) -> Result<bool, PauseError> {
+/// Whether the distance between a motor's old law and its new one keeps growing, as far as fades are tried. A constant speed that changes from where the
+/// motor is does not count: its way during the fade is as short as can be.
+fn grow_apart(fade: &Fade, old: &[Law], from: Time) -> Result<bool, PauseError> {
     for (motor, turn) in fade.turns.iter().enumerate() {
-        let Some(turn) = turn else { continue };
+        let Some(turn) = turn.as_ref().filter(|turn| turn.faster.is_none()) else { continue };
         let (mut before, mut after) = (Cursor::new(&old[motor]), Cursor::new(&turn.settled));
-        let mut apart = |k: u32| {
+        let mut distance = |k: u32| {
             let at = from + Time::from_seconds(LONGEST_S * f64::from(k) / f64::from(PARTING_PLACES));
             let (old, new) = (before.at(at)?, after.at(at)?);
             Ok(((new.whole - old.whole) as f64 + (new.fraction - old.fraction)).abs())
         };
-        let ways: Result<Vec<f64>, LawError> = (0..=PARTING_PLACES).map(&mut apart).collect();
-        let ways = ways.map_err(|error| PauseError::Law { motor, error })?;
-        if ways.windows(2).all(|ways| ways[1] > ways[0] + 1.0) {
+        let distances: Result<Vec<f64>, LawError> = (0..=PARTING_PLACES).map(&mut distance).collect();
+        let distances = distances.map_err(|error| PauseError::Law { motor, error })?;
+        if distances.windows(2).all(|pair| pair[1] > pair[0] + 1.0) {
             return Ok(true);
         }
     }
@@ -938,7 +940,7 @@ impl<B: Leased> Session<B> {
         if highest < tempo.get() {
             return Ok(ceiling);
         }
-        if let Some(ceiling) = sudden_end(&change.program, from, &changed)? {
+        if let Some(ceiling) = sudden_end(&change.program, from, tempo, &changed)? {
             return Ok(Some(ceiling));
         }
         // The file's reader holds paths against the limits of their tips, at tempo 1.

@@ -35,8 +35,9 @@ pub enum PauseError {
     },
     /// No fade keeps to the limits between two laws whose distance grows all the time.
     #[error(
-        "the old law and the new one part further and further, and no change within {within_s} s keeps all motors to their limits. A number that is \
-         multiplied by the time, as `a` in a*t, changes the whole way since the beginning: write `law.speed`, which goes on from where the motor is"
+        "the distance between the old law and the new one keeps growing, and no change within {within_s} s keeps all motors to their limits. A number \
+         that is multiplied by the time, such as `a` in a*t, changes the whole way since the beginning: write `law.speed`, which goes on from where the \
+         motor is"
     )]
     Parting {
         /// The longest fade that was tried, s.
@@ -264,11 +265,16 @@ fn looks(law: &Law, from: Time) -> impl Iterator<Item = (Time, Time)> {
 /// A time before the end of a law, s: its speed there is that at the end.
 const BEFORE_END_S: f64 = 1e-6;
 
-/// The motor, of those asked for, whose law ends within half a minute, and at a speed at which the motor cannot stop at once.
+/// The motor, of those asked for, whose law ends within half a minute, and at a tempo too fast for the motor to stop at once.
 ///
 /// # Errors
 /// When a law cannot be evaluated.
-pub(crate) fn sudden_end(program: &Program, from: Time, motors: &[bool]) -> Result<Option<Ceiling>, PauseError> {
+pub(crate) fn sudden_end(
+    program: &Program,
+    from: Time,
+    tempo: Rate,
+    motors: &[bool],
+) -> Result<Option<Ceiling>, PauseError> {
     let before = Time::from_seconds(BEFORE_END_S);
     for (index, motor) in program.motors.iter().enumerate().filter(|(index, _)| motors[*index]) {
         let is_near = |end: &Time| *end - before > from && *end - from <= Time::from_seconds(LOOK_S[1]);
@@ -276,17 +282,17 @@ pub(crate) fn sudden_end(program: &Program, from: Time, motors: &[bool]) -> Resu
         let last = Cursor::new(&motor.law).at(end - before);
         let last = last.map_err(|error| PauseError::Law { motor: index, error })?;
         let slowed = 2.0 * BEFORE_END_S * last.acceleration.abs();
-        if last.speed.abs() - slowed > motor.limits.pull_in * (1.0 + ROUNDING) + ROUNDING {
+        if (last.speed.abs() - slowed) * tempo.get() > motor.limits.pull_in * (1.0 + ROUNDING) + ROUNDING {
             return Ok(Some(Ceiling::of_motor(index, "pull_in")));
         }
     }
     Ok(None)
 }
 
-/// A speed may be so much too high, and such a part: rounding, steps/s.
+/// A speed at a law's end may be higher than allowed by this many steps/s, and by this share: rounding.
 const ROUNDING: f64 = 1e-3;
 
-/// As [`highest_factor`], of the tips of machines that have limits and one of the motors. A tip whose path is not known has none.
+/// As [`highest_factor`], for the tips of machines that have limits and at least one of these motors. A tip whose path is not known has no highest rate.
 pub(crate) fn highest_tip_factor(
     program: &Program,
     from: Time,

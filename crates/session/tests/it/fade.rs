@@ -538,7 +538,7 @@ fn thousands_of_changes_lose_no_phase() {
     }
 }
 
-/// A winch whose `duration` ends while the motor still moves would brake much later, and be taken back then: it is refused at once.
+/// A winch whose `duration` ends while the motor still moves is refused at once. Else the change would be made, and taken back when the end comes.
 #[test]
 fn a_law_that_ends_in_motion_is_refused_at_once() {
     let commands = [(Time::ZERO, WinchCommand::Target(800.0)), (seconds(2.0), WinchCommand::Target(0.0))];
@@ -563,6 +563,13 @@ fn a_law_that_ends_in_motion_is_refused_at_once() {
     assert_eq!(refused(Law::sine(300.0, seconds(0.6), Some(4)).unwrap(), 0.0), None);
     assert_eq!(refused(Law::trapezoid(20_000.0, 5000.0, 39_000.0, 39_000.0).unwrap(), 0.0), None);
     assert_eq!(refused(Law::speed(100.0, Some(seconds(3.0))).unwrap(), 50.0), pull_in);
+    // The motor's speed at the end is the law's, times the tempo.
+    let at_tempo = |tempo: f64| {
+        let program = Arc::new(limited(Law::speed(100.0, Some(seconds(3.0))).unwrap(), 150.0));
+        let change = Change { program, over: None, begins: Begins::WithTheMotion };
+        session.ceiling_at(&change, Rate::of(tempo).unwrap()).unwrap().map(|ceiling| (ceiling.of, ceiling.limit))
+    };
+    assert_eq!((at_tempo(1.0), at_tempo(1.4), at_tempo(1.6)), (None, None, pull_in));
 }
 
 /// A program of one motor.
@@ -593,6 +600,22 @@ fn laws_that_part_are_refused_plainly() {
     // One that only takes too much does not part.
     let full = of_one(Law::formula("3000*t + 400*sin(10*t)", &[], 1.0, None).unwrap(), LIMITS);
     let error = refused(full);
+    assert!(matches!(error, SessionError::Pause(PauseError::NoRoom { .. })), "{error}");
+}
+
+/// A motor's constant speed that changes is no law to rewrite, if another motor's law takes too much.
+#[test]
+fn a_constant_speed_is_not_blamed_for_another_motors_law() {
+    let at_speed = |law: Law| law.beginning(Begin::Jump).unwrap();
+    let speed = |steps_per_s: f64| at_speed(Law::speed(steps_per_s, None).unwrap());
+    let swing = |text: &str| at_speed(Law::formula(text, &[], 1.0, None).unwrap());
+    let begun = with_laws([speed(1000.0), swing("400*sin(5*t)")]);
+    let mut lab = Lab::new(&begun);
+    let mut session = Session::new(Bench::new(&begun, 256), begun).unwrap();
+    session.advance(session.zero() + TICK_HZ, &mut lab).unwrap();
+    let program = Arc::new(with_laws([speed(1500.0), swing("700*sin(10*t)")]));
+    let change = Change { program, over: None, begins: Begins::WithTheMotion };
+    let error = session.change_to(&change).unwrap_err();
     assert!(matches!(error, SessionError::Pause(PauseError::NoRoom { .. })), "{error}");
 }
 
