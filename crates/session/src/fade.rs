@@ -87,7 +87,7 @@ const UNLIMITED: f64 = 2.0;
 pub(crate) struct Mix {
     /// The laws before the oldest fade.
     base: Vec<Law>,
-    /// Those under way, oldest first: two at most. A third one waits for the first one's end.
+    /// Those under way, oldest first: two at most. A third one waits until one of them is over.
     fades: Vec<Fade>,
     /// What each motor follows after the last fade.
     voices: Vec<Voice>,
@@ -227,19 +227,25 @@ impl Mix {
         Mix { base: laws.clone().collect(), fades: Vec::new(), voices: laws.map(Voice::following).collect() }
     }
 
-    /// Forgets the fades that are over at `now`. Returns whether there were any.
+    /// Forgets the fades that are over at `now`, and what they have replaced. Returns whether there were any.
     pub(crate) fn settle(&mut self, now: Time) -> bool {
-        let over = self.fades.iter().take_while(|fade| fade.until() <= now).count();
-        // A later fade may still take a motor through earlier times of its old law.
-        let over = if self.fades[over..].iter().any(Fade::retimes_old_laws) { 0 } else { over };
-        for fade in self.fades.drain(..over) {
-            for (base, turn) in self.base.iter_mut().zip(fade.turns) {
+        let before = self.fades.len();
+        // The newest first: once it is over, its motors follow none of the earlier ones.
+        for index in (0..before).rev() {
+            let fade = &self.fades[index];
+            // A later fade may still take a motor through earlier times of its old law.
+            let is_needed = fade.until() > now || self.fades[index + 1..].iter().any(Fade::retimes_old_laws);
+            if is_needed && fade.turns.iter().any(Option::is_some) {
+                continue;
+            }
+            for (motor, turn) in self.fades.remove(index).turns.into_iter().enumerate() {
                 if let Some(turn) = turn {
-                    *base = turn.settled;
+                    self.base[motor] = turn.settled;
+                    self.fades[..index].iter_mut().for_each(|earlier| earlier.turns[motor] = None);
                 }
             }
         }
-        over > 0
+        self.fades.len() < before
     }
 
     /// When the changes that are under way at `now` are over.
@@ -253,10 +259,10 @@ impl Mix {
         ends.try_fold(Time::ZERO, |latest, end| Some(latest.max(end?)))
     }
 
-    /// When there is room for another fade, after [`settle`](Mix::settle) at `now`; `None`: now.
-    fn full_until(&self, now: Time) -> Option<Time> {
+    /// When there is room for another fade, after [`settle`](Mix::settle); `None`: now.
+    fn full_until(&self) -> Option<Time> {
         let [first, .., last] = &self.fades[..] else { return None };
-        Some(if first.until() > now && !last.retimes_old_laws() { first.until() } else { last.until() })
+        Some(if last.retimes_old_laws() { last.until() } else { first.until().min(last.until()) })
     }
 
     /// Motors that rest where they are, with the laws that they followed before.
@@ -875,7 +881,7 @@ impl<B: Leased> Session<B> {
                 tempo = to;
             }
             mix = mix.with_resting_tips(program);
-            if let Some(full_until) = mix.full_until(time) {
+            if let Some(full_until) = mix.full_until() {
                 let until = at + ticks(tempo.to_pass(full_until - time), hz);
                 return Err(SessionError::Waiting { at, until });
             }

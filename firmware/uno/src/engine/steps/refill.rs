@@ -8,13 +8,15 @@
 //! guard may be held for longer than about 2000 cycles while motors move. The longest is a position, which looks at every group of a ring; the four
 //! positions of a winch's status take longer (`winch/obey.rs`).
 
-use super::motor::Motor;
+use super::motor::{Motor, flag};
 use super::ring::{GROUPS, Ring, flags};
 use super::stepper::{Stepper, Track};
 use super::times::TIMES;
 use crate::engine::clock;
 use crate::engine::regs;
-use crate::engine::tuning::refill::{BATCHES, FAR_AHEAD, FULL_FROM, MIN_PERIOD, RESERVE, RESERVE_MERGED, RETRY, TURNS};
+use crate::engine::tuning::refill::{
+    BATCHES, FAR_AHEAD, FULL_FROM, MIN_PERIOD, RESERVE, RESERVE_MERGED, RETRY, SOONER_BEFORE_SWITCH, TURNS,
+};
 use crate::engine::tuning::stepper::LOOK_AHEAD;
 use core::arch::global_asm;
 use core::cell::UnsafeCell;
@@ -277,6 +279,22 @@ timer0_ovf:
 20:
     cpi r25, {TWO_RINGS}
     breq 4f
+    // Much sooner if merged motors wait for a switch: all their lists end at its tick, and should be full before.
+    sbrs r25, {MERGED_BIT}
+    rjmp 21f
+    lds r24, steps_motors+{MOTOR_FLAGS}
+    lds r20, steps_motors+{MOTOR_SIZE}+{MOTOR_FLAGS}
+    or r24, r20
+    sbrs r24, {SWITCH}
+    rjmp 21f
+    .rept {SOONER_BEFORE_SWITCH}
+    lsr r26
+    .endr
+    cpi r26, {MIN_PERIOD}
+    brsh .+2
+    ldi r26, {MIN_PERIOD}
+    rjmp 4f
+21:
     lds r30, steps_stepper+{TAIL_AT}
     ldi r31, 0
     ld r24, Z
@@ -285,12 +303,12 @@ timer0_ovf:
     dec r24
     lds r25, steps_mode
     cpi r24, 4 * ({GROUPS} - {FULL_FROM})
-    brlo 21f
+    brlo 22f
     cpi r25, {SHARED}
     breq 4f
     cpi r26, {FAR_AHEAD} >> 8
     brlo 4f
-21: ldi r27, {RESERVE_MERGED} >> 8
+22: ldi r27, {RESERVE_MERGED} >> 8
     cpi r25, {MERGE}
     breq .+2
     ldi r27, {RESERVE} >> 8
@@ -416,6 +434,10 @@ ticks_ahead:
     TURNS = const TURNS,
     MERGE = const mode::MERGE,
     MERGE_AND_B = const mode::MERGE_AND_B,
+    MERGED_BIT = const mode::MERGE.trailing_zeros(),
+    MOTOR_FLAGS = const offset_of!(Motor, flags),
+    SWITCH = const flag::SWITCH,
+    SOONER_BEFORE_SWITCH = const SOONER_BEFORE_SWITCH,
     SHARED = const mode::SHARED,
     MERGED_BY_SOURCE = const mode::MERGED_BY_SOURCE,
     NOT_PLAIN_B = const flags::NOT_PLAIN_B,

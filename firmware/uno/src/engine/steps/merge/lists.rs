@@ -5,7 +5,7 @@ use crate::engine::steps::motor::{HIGH_FIXED, Motor, flag};
 use crate::engine::steps::plan::prechecked_steps;
 use crate::engine::steps::register;
 use crate::engine::steps::ring::{GROUPS, Group, flags};
-use crate::engine::tuning::merge::{LIST_LOW_BEFORE_SWITCH, TOP_UP_FROM};
+use crate::engine::tuning::merge::{LIST_LOW_BEFORE_SWITCH, TOP_UP_BEFORE_SWITCH_FROM, TOP_UP_FROM};
 use crate::engine::tuning::plan::LIMIT_CHECK_FROM;
 use crate::engine::tuning::stepper::BATCH_STEPS;
 use core::arch::global_asm;
@@ -76,7 +76,11 @@ merge_top_up:
     ldi r31, 0
     ld r25, Z
     sub r25, r24
-    cpi r25, 4 * ({GROUPS} - {TOP_UP_FROM} + 1)
+    ldi r24, 4 * ({GROUPS} - {TOP_UP_FROM} + 1)
+    ldd r30, Y+{FLAGS}
+    sbrc r30, {SWITCH}
+    ldi r24, 4 * ({GROUPS} - {TOP_UP_BEFORE_SWITCH_FROM} + 1)
+    cp r25, r24
     brcs .+2
     ret
     movw r30, r4
@@ -276,6 +280,7 @@ merge_fill_list:
     SHORT_LIST = const SHORT_LIST,
     BATCH_STEPS = const BATCH_STEPS,
     TOP_UP_FROM = const TOP_UP_FROM,
+    TOP_UP_BEFORE_SWITCH_FROM = const TOP_UP_BEFORE_SWITCH_FROM,
     LIST_LOW = const offset_of!(Merge, list_low),
     LIST_LOW_BEFORE_SWITCH = const LIST_LOW_BEFORE_SWITCH,
     FLAGS = const offset_of!(Motor, flags),

@@ -57,13 +57,12 @@ plan_check_intervals:
     cp r22, r18
     cpc r23, r19
     brsh plan_slow_up
-    clr r15                             // r14:15: the time until the limit, 0 if that was not looked at
-    rjmp 7f
+    rjmp 1f
 plan_not_yet:
     clr r24
     ret
 1:                                      // Is there time for one step?
-    clr r15
+    clr r15                             // r14:15: the time until the limit, 0 if that was not looked at
     cpi r23, 2
     brlo 7f
     movw r30, r22

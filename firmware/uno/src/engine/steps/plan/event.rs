@@ -414,15 +414,15 @@ plan_first_of_batch:
     brlo 1f
     rcall plan_prechecked
     brcc 2f
-    // One step can be expanded, if its intervals stay short.
+    // One step can be expanded if the interval stays within 16 bits: before it 0 to 2^14, and it changes by less than that.
     ldd r26, Y+{INTERVAL}+3
     ldd r27, Y+{INTERVAL}+4
     cpi r26, 0x40
     cpc r27, r1
     brsh 1f
     ldd r26, Y+{ADD}+3
-    subi r26, -1
-    cpi r26, 2
+    subi r26, -0x40
+    cpi r26, 0x80
     brsh 1f
     ldi r31, 1
 2:  ldd r24, Y+{FLAGS}
