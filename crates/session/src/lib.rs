@@ -730,6 +730,7 @@ impl<B: Leased> Session<B> {
     /// there although a frame was lost.
     fn beginning_lasts(&self) -> [u64; 2] {
         let next = NEXT_BYTES * self.capacity.len();
+        // 4 ms, since a board has little time for its line while its motors go over to the plan.
         let least = self.pace.lead + self.board.delivery(next) + self.pace.tick_hz / 250;
         [least, if self.effort.is_short { least } else { least + self.pace.repetition }]
     }
