@@ -39,7 +39,7 @@ pub(crate) mod refill {
     const _: () = assert!(MIN_PERIOD.wrapping_neg() < RETRY);
     /// While merged motors wait for a switch, the next refill comes after this part of the usual time, as a power of two: lists are to be full by
     /// then. Shown by `cargo test -p pulsetrain-session --test it fade::chips::changes_on_a_busy_uno`.
-    pub(crate) const SOONER_BEFORE_SWITCH: u8 = 2;
+    pub(crate) const SOONER_BEFORE_SWITCH: u8 = 1;
     /// Ticks for which a ring is still filled when the next refill comes, if possible: what delays the refill, the load of records and an
     /// expansion take no longer, with bytes coming in. Two rings have no such time to spare. Shown by rates.
     pub(crate) const RESERVE: u16 = 24 << 8;
