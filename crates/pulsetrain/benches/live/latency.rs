@@ -28,9 +28,9 @@ enum Way {
 impl Way {
     fn name(&self) -> &'static str {
         match self {
-            Way::Line => "line",
-            Way::Osc(_) => "OSC",
-            Way::Page(_) => "page",
+            Way::Line => "a line",
+            Way::Osc(_) => "an OSC message",
+            Way::Page(_) => "the page",
         }
     }
 
@@ -117,7 +117,7 @@ fn row(board: &'static str, way: u8, changes: u32) -> Row {
     let ms = |s: f64| format!("{:.1}", 1e3 * s);
     Row {
         figure: 1,
-        what: format!("from a {}'s event to the first tick of the change", way.name()),
+        what: format!("from {} to the first tick of the change", way.name()),
         board,
         measured: format!("median {}, p99 {}, most {} ms", ms(at(0.5)), ms(at(0.99)), ms(at(1.0))),
         // What this computer's other programs do to it is no promise of ours: the median is.
