@@ -8,6 +8,7 @@
 //! guard may be held for longer than about 2000 cycles while motors move. The longest is a position, which looks at every group of a ring; the four
 //! positions of a winch's status take longer (`winch/obey.rs`).
 
+use super::brake;
 use super::motor::{Motor, flag};
 use super::ring::{GROUPS, Ring, flags};
 use super::stepper::{Stepper, Track};
@@ -279,13 +280,16 @@ timer0_ovf:
 20:
     cpi r25, {TWO_RINGS}
     breq 4f
-    // Much sooner if merged motors wait for a switch: all their lists end at its tick, and should be full before.
+    // Sooner if merged motors wait for a switch: all their lists end at its tick, and should be full before. Not if they wait for the end of the lease.
     sbrs r25, {MERGED_BIT}
     rjmp 21f
     lds r24, steps_motors+{MOTOR_FLAGS}
     lds r20, steps_motors+{MOTOR_SIZE}+{MOTOR_FLAGS}
     or r24, r20
+    lds r20, steps_motors+{BRAKING_STATE}
     sbrs r24, {SWITCH}
+    rjmp 21f
+    sbrc r20, {END_NEXT}
     rjmp 21f
     .rept {SOONER_BEFORE_SWITCH}
     lsr r26
@@ -438,6 +442,8 @@ ticks_ahead:
     MOTOR_FLAGS = const offset_of!(Motor, flags),
     SWITCH = const flag::SWITCH,
     SOONER_BEFORE_SWITCH = const SOONER_BEFORE_SWITCH,
+    BRAKING_STATE = const offset_of!(Motor, epochs) + brake::STATE,
+    END_NEXT = const brake::state::END_NEXT,
     SHARED = const mode::SHARED,
     MERGED_BY_SOURCE = const mode::MERGED_BY_SOURCE,
     NOT_PLAIN_B = const flags::NOT_PLAIN_B,
