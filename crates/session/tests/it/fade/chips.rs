@@ -132,7 +132,7 @@ const SOON_ON_PICO_S: f64 = 0.020;
 fn changes_on_a_busy_uno_begin_within_60_ms() {
     changes_begin_within(SOON_ON_UNO_S, &Load::of_speed("uno", 4, 5000.0, 5.0), 1);
     // All four turn at the same time. Their lists of steps end at the tick of a change, and it takes long to fill them. A longer trial:
-    // `PULSETRAIN_SEEDS=300`. In 3 of its 3100 changes the board stops the motors, since its step generator does not keep up.
+    // `PULSETRAIN_SEEDS=300`. It may find a change after which the board's step generator does not keep up, once in 500 at most.
     let load = Load::of_speed("uno", 4, 20_000.0, 1.0);
     let Some(seeds) = std::env::var("PULSETRAIN_SEEDS").ok().and_then(|text| text.parse().ok()) else {
         return [2, 6, 16, 41, 107].into_iter().for_each(|seed| changes_begin_within(SOON_ON_UNO_S, &load, seed));
