@@ -240,14 +240,23 @@ pub(crate) fn highest_factor(
             ("max_acceleration", motor.limits.max_acceleration.map(|limit| (usable * limit / acceleration).sqrt())),
             (SHORTEST_INTERVAL, Some(usable * board / speed)),
         ];
-        for (limit, rate) in limits {
-            // A motor at rest has no ceiling: the quotient is infinite.
-            if let Some(rate) = rate.filter(|rate| *rate < highest.0) {
-                highest = (rate, Some(Ceiling::of_motor(index, limit)));
-            }
-        }
+        lower(&mut highest, Limited::Motor(index), limits);
     }
     Ok(highest)
+}
+
+/// Lowers the highest rate to what the limits of a part allow; `limits` has the highest rate that each allows.
+fn lower(
+    highest: &mut (f64, Option<Ceiling>),
+    of: Limited,
+    limits: impl IntoIterator<Item = (&'static str, Option<f64>)>,
+) {
+    for (limit, rate) in limits {
+        // What is at rest has no ceiling: the quotient is infinite.
+        if let Some(rate) = rate.filter(|rate| *rate < highest.0) {
+            *highest = (rate, Some(Ceiling { of, limit }));
+        }
+    }
 }
 
 /// The parts of a law that are sampled, from `from` on: when they begin, and how long they are. Of a law that repeats it is what comes before the first
@@ -310,12 +319,7 @@ pub(crate) fn highest_tip_factor(
             ("max_speed", machine.tip_limits[0].map(|limit| usable * limit / speed)),
             ("max_acceleration", machine.tip_limits[1].map(|limit| (usable * limit / acceleration).sqrt())),
         ];
-        for (limit, rate) in limits {
-            // A tip at rest has no ceiling: the quotient is infinite.
-            if let Some(rate) = rate.filter(|rate| *rate < highest.0) {
-                highest = (rate, Some(Ceiling { of: Limited::Tip(index), limit }));
-            }
-        }
+        lower(&mut highest, Limited::Tip(index), limits);
     }
     Ok(highest)
 }

@@ -306,7 +306,7 @@ impl<B: Leased> Show<B> {
         self.step_until(&mut |_| false, observer, tell)
     }
 
-    /// As [`Show::step`], with `stop_waits` as [`Show::obey_until`] has it.
+    /// As [`Show::step`]. `stop_waits` is asked whether a stop waits at a tick: a stop ends the search for a knob's nearest value.
     ///
     /// # Errors
     /// As [`Show::step`].
