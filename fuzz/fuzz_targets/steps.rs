@@ -1,10 +1,3 @@
-//! A steps.csv of any content.
 #![no_main]
 
-use libfuzzer_sys::fuzz_target;
-use pulsetrain_trace::steps;
-
-fuzz_target!(|bytes: &[u8]| {
-    // An error is a valid result; only a panic is a failure.
-    let _ = steps::read(bytes);
-});
+libfuzzer_sys::fuzz_target!(|input: &[u8]| pulsetrain_fuzz::check("steps", input));

@@ -1,16 +1,9 @@
 //! Other people's software for the Uno, which tests run on the virtual one: Debian's Arduino core with its bootloaders,
 //! its compiler, and avrdude.
 
-use crate::command::{self, Done, command, install_debian, target_dir};
-use std::path::{Path, PathBuf};
-
-/// A file by which an installed package is recognised, and the package.
-const PACKAGES: [(&str, &str); 4] = [
-    ("/usr/share/arduino/hardware/arduino/avr/boards.txt", "arduino-core-avr"),
-    ("/usr/bin/avr-g++", "gcc-avr"),
-    ("/usr/lib/avr/include/avr/io.h", "avr-libc"),
-    ("/usr/bin/avrdude", "avrdude"),
-];
+use crate::command::{self, Done, command, target_dir};
+use crate::installs;
+use std::path::PathBuf;
 
 /// Installs these packages and builds Optiboot. Gives the variable with the image's path that the tests of bootloaders
 /// read. `None` on a system other than Debian; those tests run only on Linux.
@@ -19,11 +12,8 @@ pub(crate) fn prepare() -> Done<Option<PathBuf>> {
         println!("the tests with Debian's Arduino core are left out: this is no Linux");
         return Ok(None);
     }
-    for (file, package) in PACKAGES {
-        if !Path::new(file).exists() {
-            install_debian(package)?;
-        }
-    }
+    installs::debian(&installs::ARDUINO)?;
+    installs::debian(&installs::AVR)?;
     optiboot().map(Some)
 }
 

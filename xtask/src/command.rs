@@ -155,24 +155,6 @@ pub(crate) fn output(command: &mut Command) -> Done<String> {
     pipe(command, "")
 }
 
-/// Installs a Debian package. If that fails, prints what to install.
-pub(crate) fn install_debian(package: &str) -> Done {
-    // For root sudo may be missing. For a user apt-get alone is refused.
-    let sudo: &[&str] = if output(command("id").arg("-u")).is_ok_and(|id| id.trim() == "0") {
-        &[]
-    } else {
-        &["sudo", "--non-interactive"]
-    };
-    let apt = |arguments: &[&str]| {
-        let words = [sudo, &["apt-get"], arguments].concat();
-        run(command(words[0]).args(&words[1..]))
-    };
-    // A fresh image has no lists of packages.
-    apt(&["update"])
-        .and_then(|()| apt(&["install", "--yes", package]))
-        .map_err(|_| Failure::Check(format!("install what Debian calls {package}, then run this again")))
-}
-
 fn announce(command: &Command) -> String {
     let text = words(command);
     eprintln!("$ {text}");

@@ -5,7 +5,8 @@
 
 pub(crate) mod pico;
 
-use crate::command::{self, Done, Failure, command, install_debian, output, root, run, target_dir};
+use crate::command::{Done, Failure, command, output, root, run, target_dir};
+use crate::installs;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -145,11 +146,8 @@ fn same(image: &str, committed: &str, built: &str) -> Done {
 
 /// Builds the Uno's firmware under `target/`.
 fn built_uno() -> Done<Vec<Built>> {
-    if command::run(command("avr-gcc").arg("--version")).is_err() {
-        // libgcc and the start-up code come with avr-gcc.
-        install_debian("gcc-avr")?;
-        install_debian("avr-libc")?;
-    }
+    // libgcc and the start-up code come with avr-gcc.
+    installs::debian(&installs::AVR)?;
     let built = target_dir().join("uno");
     run(alone(&mut build()?)
         .current_dir(root().join("firmware/uno"))
@@ -210,7 +208,7 @@ fn build() -> Done<Command> {
         command("cargo")
     } else {
         // Debian's rustc-web and cargo-web cannot be installed together with rustup.
-        install_debian("rust-web-src")?;
+        installs::debian(&[("rust-web-src", "/usr/share/doc/rust-web-src")])?;
         command("/usr/bin/cargo")
     };
     // A cargo started this xtask. Its choice of toolchain must not reach the build.

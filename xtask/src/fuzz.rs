@@ -1,6 +1,7 @@
 //! Fuzzing with only the pinned toolchain and a C++ compiler: sets what cargo-fuzz would set.
 
 use crate::command::{self, Done, Failure, cargo, command, output, root};
+use crate::installs;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -53,7 +54,7 @@ fn build() -> Done<PathBuf> {
     let host = output(command("rustc").args(["--print", "host-tuple"]))?.trim().to_owned();
     let target_dir = root().join("fuzz/target");
     // libFuzzer itself is C++.
-    command::run(command("c++").arg("--version")).or_else(|_| command::install_debian("g++"))?;
+    command::run(command("c++").arg("--version")).or_else(|_| installs::debian(&[("g++", "/usr/bin/g++")]))?;
     command::run(
         cargo("build --release --manifest-path fuzz/Cargo.toml --target")
             .arg(&host)

@@ -7,6 +7,8 @@
 //! - [`accept`]: whether motions that `plan` accepts run
 //! - [`pictures`]: what documents show
 //! - [`arduino`]: what Debian has for the Uno, and tests use: bootloaders, compiler, avrdude
+//! - [`installs`]: what Debian, PyPI and npm have for the tests; [`programs`]: what the workspace has
+//! - [`usage`]: processor time, and a calibration loop
 //! - [`python`]: the tests of the client in Python, and of films
 //! - [`page`]: the page of a run, in Chromium
 //! - [`ruckig`]: S-curve durations against an independent library
@@ -29,14 +31,17 @@ mod cross_check;
 mod firmware;
 mod fuzz;
 mod golden;
+mod installs;
 mod map;
 mod page;
 mod pictures;
+mod programs;
 mod python;
 mod random;
 mod ruckig;
 mod soak;
 mod test;
+mod usage;
 
 use clap::{Parser, Subcommand};
 use command::Done;
@@ -66,15 +71,21 @@ const AFTER_HELP: &str = "Examples:
 
 #[derive(Subcommand)]
 enum Task {
-    /// All tests but the longest, also the Python client's, core built for the boards' processors, S-curves against ruckig
+    /// All tests but the long ones, also the Python client's, core built for the boards' processors, S-curves against ruckig
     Test {
-        /// Only tests that run no firmware on an emulated chip: under 90 s once they are built
+        /// Only tests that run no firmware on an emulated chip: a minute once they are built
         #[arg(long)]
         quick: bool,
     },
-    /// `test`, and: format, lints, documentation, the firmware's images built anew and compared, fuzzing for a moment, more
-    /// property-test cases, the README's first command
-    Ci,
+    /// `test`, and: format, lints, documentation, wasm32, what the packages contain, the firmware's images built anew and compared, the page
+    /// in Chromium, other emulators, random motions
+    ///
+    /// At its end it prints what each stage took beside its budget. It fails if one took more than twice its budget of processor time.
+    Ci {
+        /// Only this stage, by its name in that table
+        #[arg(long, value_name = "NAME")]
+        stage: Option<String>,
+    },
     /// Tests with new seeds and longer, random motions, fuzzing, mutants: for hours, by hand
     ///
     /// As it is by default, on 2 cores, once all is built: about 10 minutes for each of 10 rounds, 25 minutes for 2000 motions (some 80 a
@@ -180,7 +191,7 @@ fn main() -> ExitCode {
     }
     let done = match Arguments::parse().task {
         Task::Test { quick } => test::run(if quick { test::Tier::Quick } else { test::Tier::Change }),
-        Task::Ci => ci::run(),
+        Task::Ci { stage } => ci::run(stage.as_deref()),
         Task::Soak(options) => soak::run(&options),
         Task::Accept(options) => accept::run(&options),
         Task::Fuzz { seconds, target } => fuzz::run(seconds, target.as_deref()),
@@ -204,6 +215,7 @@ fn main() -> ExitCode {
         Task::Golden => golden::run(),
         Task::Pictures => pictures::run(),
     };
+    usage::write();
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {

@@ -1,24 +1,22 @@
 //! Compares the durations of S-curves with those of the ruckig package, an independent time-optimal planner.
 
-use crate::command::{self, Done, Failure, cargo, command};
-use crate::python;
+use crate::command::{self, Done, Failure, command};
 use crate::random::Random;
+use crate::{installs, programs};
 use std::fmt::Write as _;
 
 /// Moves compared.
 pub(crate) const MOVES: usize = 1000;
 /// Largest relative difference of two durations.
 const TOLERANCE: f64 = 1e-6;
-/// The package, from Python's registry.
-const PACKAGE: &str = "ruckig==0.19.4";
 const SCRIPT: &str = "xtask/src/ruckig_durations.py";
 
 /// Compares [`MOVES`] random moves. Gives the largest relative difference of two durations.
 pub(crate) fn compare() -> Done<f64> {
     let moves = random_moves();
-    let ours = cargo("run --quiet --release --package pulsetrain-motion --example s_curve_durations");
-    let ours = durations(ours, &moves)?;
-    let mut python = command(python::with(PACKAGE)?);
+    programs::build()?;
+    let ours = durations(command(programs::example("s_curve_durations")), &moves)?;
+    let mut python = command(installs::python()?);
     python.arg(SCRIPT);
     let theirs = durations(python, &moves)?;
 

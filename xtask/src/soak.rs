@@ -3,7 +3,7 @@
 
 use crate::command::{self, Done, Failure, cargo, command, target_dir};
 use crate::test::{self, Tier};
-use crate::{accept, fuzz};
+use crate::{accept, ci, fuzz};
 use std::fs;
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -59,12 +59,25 @@ pub(crate) fn run(options: &SoakOptions) -> Done {
     println!("xtask soak: --seed {seed}");
     // If one fails, the others are tried all the same.
     let seeds = (0..options.rounds).map(|round| seed.wrapping_add(round));
-    let mut done: Vec<_> = seeds.map(|seed| test::run(Tier::Soak { seed })).collect();
+    let mut done: Vec<_> = vec![ci::build_packages(), first_command()];
+    done.extend(seeds.map(|seed| test::run(Tier::Soak { seed })));
     done.push(accept::run(&accept::Options::random(options.motions, seed)));
     done.push(fuzz::run(options.fuzz_seconds, None));
     command::all(done)?;
     println!("xtask soak: all passed, from --seed {seed} on");
     Ok(())
+}
+
+/// Size of the command line as users build it, bytes.
+const MAX_BINARY: u64 = 15_000_000;
+
+/// Runs the README's first command, word for word, and looks at the size of what it built.
+fn first_command() -> Done {
+    command::run(&mut cargo("run --release -- run examples/tutorial.toml"))?;
+    let path = target_dir().join(format!("release/pulsetrain{}", std::env::consts::EXE_SUFFIX));
+    let bytes = fs::metadata(&path).map_err(|why| Failure::File { path, why })?.len();
+    println!("xtask soak: the released command line has {:.1} MB", bytes as f64 / 1e6);
+    if bytes <= MAX_BINARY { Ok(()) } else { Err(Failure::Check(format!("{bytes} bytes are more than {MAX_BINARY}"))) }
 }
 
 /// Stops random motions on all boards, beginning with `seed`, or with the test's own seed. Prints the test's results.

@@ -6,6 +6,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::thread;
 use std::time::Instant;
 
 /// How much a run of the tests covers. `CONTRIBUTING.md` has the table.
@@ -13,17 +14,15 @@ use std::time::Instant;
 pub(crate) enum Tier {
     /// Tests without firmware, for trying a change while it is written.
     Quick,
-    /// All tests that guard a change.
+    /// All tests that guard a change. The gate runs the same.
     Change,
-    /// The gate's tests: property tests have more cases, and the long tests run, too.
-    Gate,
-    /// The gate's tests with another seed.
+    /// Also the long tests, with another seed, and more cases of each property test.
     Soak { seed: u64 },
 }
 
 /// Tests that run firmware on an emulated chip have a module of this name in their path.
 const CHIPS: &str = "chips";
-/// Tests that only the gate runs have a module of this name in their path.
+/// Tests that only `cargo xtask soak` runs have a module of this name in their path.
 const LONG: &str = "long";
 
 impl Tier {
@@ -32,7 +31,7 @@ impl Tier {
         match self {
             Tier::Quick => !is_in(CHIPS) && !is_in(LONG),
             Tier::Change => !is_in(LONG),
-            Tier::Gate | Tier::Soak { .. } => true,
+            Tier::Soak { .. } => true,
         }
     }
 
@@ -40,7 +39,6 @@ impl Tier {
     fn environment(self) -> Vec<(&'static str, String)> {
         let all = match self {
             Tier::Quick | Tier::Change => vec![],
-            Tier::Gate => vec![("PROPTEST_CASES", 1024)],
             Tier::Soak { seed } => {
                 vec![("PROPTEST_CASES", 1024), ("PROPTEST_RNG_SEED", seed), ("PULSETRAIN_SEED", seed)]
             }
@@ -50,36 +48,47 @@ impl Tier {
 }
 
 /// Runs all tests of the workspace and its documentation's examples. All but the quick tier also run those with
-/// Debian's bootloaders and those of the Python client, build core for the boards' processors, and compare S-curves
-/// with ruckig.
+/// Debian's bootloaders and, beside the others, [`others`].
 pub(crate) fn run(tier: Tier) -> Done {
     let quick = tier == Tier::Quick;
     let optiboot = if quick { None } else { arduino::prepare()? };
     let jobs = jobs(tier)?;
     let (count, begin) = (jobs.len(), Instant::now());
-    let tested = command::side_by_side(jobs, |job| {
-        let mut test = job.command();
-        test.envs(tier.environment());
-        test.envs(optiboot.as_ref().map(|image| ("PULSETRAIN_OPTIBOOT", image)));
-        command::run_apart(&mut test, &job.text).map(|said| (seconds(&said), job.text))
+    let (tested, also) = thread::scope(|scope| {
+        let also = (!quick).then(|| scope.spawn(others));
+        let tested = command::side_by_side(jobs, |job| {
+            let mut test = job.command();
+            test.envs(tier.environment());
+            test.envs(optiboot.as_ref().map(|image| ("PULSETRAIN_OPTIBOOT", image)));
+            command::run_apart(&mut test, &job.text).map(|said| (seconds(&said), job.text))
+        });
+        (
+            tested,
+            also.map(|thread| {
+                thread.join().unwrap_or_else(|_| Err(Failure::Check("the client's tests panicked".to_owned())))
+            }),
+        )
     });
     command::run(&mut cargo("test --workspace --doc --no-fail-fast"))?;
     print!("{}", longest(command::all(tested)?));
-    if quick {
-        println!(
-            "xtask test --quick: {count} modules of tests, documentation's examples: all passed, in {} s; no firmware ran",
-            begin.elapsed().as_secs()
-        );
-        return Ok(());
-    }
+    let also = also
+        .transpose()?
+        .map_or("no firmware ran", |()| "the Python client, the boards' core, S-curves against ruckig");
+    let name = if quick { "test --quick" } else { "test" };
+    println!(
+        "xtask {name}: {count} modules of tests, documentation's examples, {also}: all passed, in {} s once built",
+        begin.elapsed().as_secs()
+    );
+    Ok(())
+}
+
+/// What waits more than it computes, or needs one core: the tests of the Python client, core built for the boards'
+/// processors, and S-curves compared with ruckig's.
+fn others() -> Done {
     python::test_client()?;
     boards::build_core()?;
     let worst = ruckig::compare()?;
     println!("s-curve durations of {} moves: at most {worst:.1e} (relative) from ruckig's", ruckig::MOVES);
-    println!(
-        "xtask test: {count} modules of tests, documentation's examples, the Python client: all passed, in {} s once built",
-        begin.elapsed().as_secs()
-    );
     Ok(())
 }
 
@@ -253,10 +262,10 @@ speed: benchmark
     }
 
     #[test]
-    fn long_tests_are_the_gates() {
+    fn long_tests_are_for_the_soak() {
         let of = |tier| tests_of(tier).into_iter().find(|(module, _)| module == "chips::uno").map(|(_, tests)| tests);
         assert_eq!(of(Tier::Change).as_deref(), Some("chips::uno::a chips::uno::b"));
-        assert_eq!(of(Tier::Gate).as_deref(), Some("chips::uno::a chips::uno::b chips::uno::long::e"));
+        assert_eq!(of(Tier::Soak { seed: 7 }).as_deref(), Some("chips::uno::a chips::uno::b chips::uno::long::e"));
     }
 
     #[test]

@@ -1,7 +1,5 @@
 //! Draws the panels.
 
-use image::codecs::png::PngEncoder;
-use image::{ColorType, ImageEncoder};
 use plotters::coord::Shift;
 use plotters::coord::cartesian::Cartesian2d;
 use plotters::prelude::*;
@@ -74,10 +72,17 @@ pub(super) fn png(picture: &Picture) -> Result<Vec<u8>, String> {
     let mut pixels = vec![0; 3 * width as usize * height as usize];
     drawing.draw(picture, BitMapBackend::with_buffer(&mut pixels, (width, height)))?;
     let mut file = Vec::new();
-    PngEncoder::new(&mut file)
-        .write_image(&pixels, width, height, ColorType::Rgb8)
-        .map_err(|error| error.to_string())?;
+    encode(&pixels, (width, height), &mut file).map_err(|error| error.to_string())?;
     Ok(file)
+}
+
+/// Writes the file around `pixels`: rows of red, green, blue.
+fn encode(pixels: &[u8], (width, height): (u32, u32), file: &mut Vec<u8>) -> Result<(), png::EncodingError> {
+    let mut encoder = png::Encoder::new(file, width, height);
+    encoder.set_color(png::ColorType::Rgb);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(pixels)?;
+    writer.finish()
 }
 
 /// In a browser plotters measures text with the page's own font, so there is nothing to register.

@@ -5,7 +5,8 @@ mod motions;
 mod outcome;
 mod promised;
 
-use crate::command::{self, Done, Failure, cargo, command, target_dir};
+use crate::command::{self, Done, Failure, command, target_dir};
+use crate::programs;
 use motions::{BOARDS, Motion, Rig, reproduce};
 use outcome::{Ended, Outcome};
 use std::collections::BTreeMap;
@@ -184,10 +185,9 @@ struct Program {
 
 impl Program {
     fn build(baud: Option<u32>) -> Done<Program> {
-        command::run(&mut cargo("build --release --package pulsetrain --bin pulsetrain"))?;
-        let binary = target_dir().join(format!("release/pulsetrain{}", std::env::consts::EXE_SUFFIX));
+        programs::build()?;
         let baud = baud.map_or_else(Vec::new, |baud| vec!["--baud".to_owned(), baud.to_string()]);
-        Ok(Program { binary, baud })
+        Ok(Program { binary: programs::pulsetrain(), baud })
     }
 
     /// Makes a motion, plans and runs it. Some are judged a second time, from their traces.

@@ -1,18 +1,10 @@
 //! The compared sides: our emulator, simavr with a harness of ours in C, avr8js and rp2040js with harnesses in
 //! JavaScript.
 
-use crate::command::{self, Done, Failure, cargo, command, root, target_dir};
-use std::path::{Path, PathBuf};
+use crate::command::{self, Done, Failure, cargo, command, root};
+use crate::{installs, programs};
+use std::path::PathBuf;
 use std::process::Command;
-
-/// Debian packages, and a file of each by which it is recognised.
-const PACKAGES: [(&str, &str); 5] = [
-    ("gcc", "/usr/bin/cc"),
-    ("gcc-avr", "/usr/bin/avr-gcc"),
-    ("avr-libc", "/usr/lib/avr/include/avr/io.h"),
-    ("libsimavr-dev", "/usr/include/simavr/sim_avr.h"),
-    ("libelf-dev", "/usr/include/libelf.h"),
-];
 
 /// The tools that are built and installed for the comparisons.
 pub(super) struct Tools {
@@ -23,17 +15,9 @@ pub(super) struct Tools {
 impl Tools {
     /// Installs and builds the tools that are missing.
     pub(super) fn prepare() -> Done<Tools> {
-        for (package, brings) in PACKAGES {
-            if !Path::new(brings).exists() {
-                command::install_debian(package)?;
-            }
-        }
-        let npm = || command::output(command("npm").arg("--version"));
-        npm().or_else(|_| command::install_debian("npm").and_then(|()| npm()))?;
-
-        let folder = target_dir().join("cross-check");
-        let failed = |why| Failure::File { path: folder.clone(), why };
-        std::fs::create_dir_all(&folder).map_err(failed)?;
+        installs::debian(&installs::AVR)?;
+        installs::debian(&installs::SIMAVR)?;
+        let folder = installs::npm("xtask/cross-check", "cross-check")?;
         // simavr has the GPL: it runs here, and is no part of what the project distributes.
         command::run(
             command("cc").args(["-O2", "-Wall", "-Wextra", "-Werror", "-o"]).arg(folder.join("simavr")).args([
@@ -43,14 +27,7 @@ impl Tools {
                 "-lelf",
             ]),
         )?;
-        for file in ["package.json", "package-lock.json"] {
-            std::fs::copy(root().join("xtask/cross-check").join(file), folder.join(file)).map_err(failed)?;
-        }
-        command::run(command("npm").args(["ci", "--no-audit", "--no-fund", "--silent"]).current_dir(&folder))?;
-        for example in ["cross_check", "cross_check_arm"] {
-            let build = format!("build --quiet --release --package pulsetrain-emulator --example {example}");
-            command::run(&mut cargo(&build))?;
-        }
+        programs::build()?;
         Ok(Tools { folder })
     }
 
@@ -65,7 +42,7 @@ impl Tools {
     }
 
     pub(super) fn ours(&self) -> Command {
-        command(target_dir().join("release/examples/cross_check"))
+        command(programs::example("cross_check"))
     }
 
     pub(super) fn rp2040js(&self) -> Command {
@@ -75,7 +52,7 @@ impl Tools {
     }
 
     pub(super) fn ours_arm(&self) -> Command {
-        command(target_dir().join("release/examples/cross_check_arm"))
+        command(programs::example("cross_check_arm"))
     }
 
     /// Compiles `usb_serial`; gives back the ELF file.
