@@ -2,11 +2,18 @@
 
 use crate::command::{self, Done, cargo, command};
 
+/// The tests that compare golden files: a package, and names that its tests begin with.
+const COMPARED: [&str; 4] = [
+    "pulsetrain-motion --test it -- file_errors::",
+    "pulsetrain-plan --test it -- golden::",
+    "pulsetrain-core --test it -- winch_golden::",
+    "pulsetrain --test it -- commands:: formula:: chips::faults::",
+];
+
 /// Writes the golden files again, and prints which changed.
 pub(crate) fn run() -> Done {
-    command::run(cargo("test --package pulsetrain-plan --test it golden::").env("UPDATE_EXPECT", "1"))?;
-    command::run(cargo("test --package pulsetrain-core --test it winch_golden::").env("UPDATE_EXPECT", "1"))?;
-    command::run(cargo("test --package pulsetrain --test it chips::faults::").env("UPDATE_EXPECT", "1"))?;
-    command::run(cargo("test --package pulsetrain --test it commands::").env("UPDATE_EXPECT", "1"))?;
+    for tests in COMPARED {
+        command::run(cargo(&format!("test --package {tests}")).env("UPDATE_EXPECT", "1"))?;
+    }
     command::run(command("git").args(["diff", "--stat", "--", "*/golden/*", "docs/faults.md"]))
 }

@@ -234,8 +234,6 @@ fn limits() -> impl Strategy<Value = Vec<(u8, u8, u8)>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1000))]
-
     #[test]
     fn whatever_the_host_does_the_stop_is_as_it_is_replayed(
         f in prop_oneof![Just(16u32), Just(24), Just(32)],
@@ -431,8 +429,6 @@ fn careless() -> impl Strategy<Value = Careless> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(1000))]
-
     /// Data that come late or not at all, leases beyond what was sent: no step is lost on the way to the driver, none is
     /// made that is not counted, and the stop only ever gets slower.
     #[test]

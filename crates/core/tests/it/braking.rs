@@ -89,8 +89,6 @@ fn stops() -> impl Strategy<Value = (u32, Limit, i64)> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(256))]
-
     #[test]
     fn between_any_two_steps_the_deceleration_is_within_the_limit((f, limit, interval) in stops()) {
         let registers = RegisterLimits::with_fraction_bits(f);

@@ -155,7 +155,6 @@ fn script() -> impl Strategy<Value = Vec<(u64, Verb)>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(512))]
     #[test]
     fn every_step_is_where_the_letter_has_it(script in script(), slices in prop::collection::vec(1u64..400, 1..8)) {
         let end = script.last().map_or(0, |(at, _)| *at) + 2000;

@@ -582,8 +582,6 @@ fn formulas() -> impl Strategy<Value = String> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 300, ..ProptestConfig::default() })]
-
     #[test]
     fn no_text_makes_the_parser_panic(text in "\\PC{0,60}") {
         let _ = Law::formula(&text, &[("a".into(), 1.0)], 1.0, None);

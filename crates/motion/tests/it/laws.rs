@@ -485,8 +485,6 @@ fn same_from(law: &Law, at: Time) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 1000, ..ProptestConfig::default() })]
-
     /// At any time, and at all times next to the ends of pieces.
     #[test]
     fn pieces_from_a_time_on_are_those_of_a_walk(law in any_laws(), part in -0.1_f64..1.2, place in 0_usize..300) {

@@ -790,8 +790,6 @@ fn packets() -> impl Strategy<Value = OscPacket> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 2000, ..ProptestConfig::default() })]
-
     #[test]
     fn any_bytes_are_answered_without_a_panic(
         start in prop_oneof![Just(&b""[..]), Just(&b"/pause\0\0,"[..]), Just(BUNDLE), Just(&b"#bundle\0\0\0\0\0\0\0\0\x01\0\0\0"[..])],
