@@ -2,6 +2,8 @@
 //!
 //! θ is worked out a second time, in 192 bits, and each step is held against it.
 
+use std::sync::LazyLock;
+
 use crate::common::{Step, settings, steps};
 use proptest::prelude::*;
 use pulsetrain_motion::law::{Ease, SCurve};
@@ -17,9 +19,8 @@ fn real(x: f64) -> Real {
     Real::try_from(x).expect("a number").with_precision(BITS).value()
 }
 
-fn pi() -> Real {
-    Real::pi(BITS)
-}
+/// It is worked out once: θ is asked for at each step.
+static PI: LazyLock<Real> = LazyLock::new(|| Real::pi(BITS));
 
 /// θ in steps of the time in seconds, and when it may be flat, s.
 struct Exact {
@@ -102,7 +103,7 @@ fn power_of_sine(n: u32, a: f64, f: f64, half_swings: u32) -> Case {
     let quarters = (0..=2 * half_swings).map(|k| real(k.into()) / (real(4.0) * real(f)));
     let end_s = f64::from(half_swings) / (2.0 * f);
     formula(&format!("a*sin(2*pi*f*t)^{n}"), &[("a", a), ("f", f)], end_s, quarters.collect(), move |t| {
-        let sine = (real(2.0) * pi() * real(f) * t).sin();
+        let sine = (real(2.0) * &*PI * real(f) * t).sin();
         (0..n).fold(real(a), |product, _| product * &sine)
     })
 }
@@ -113,9 +114,9 @@ fn chirp(a: f64, f: f64, g: f64, end_s: f64) -> Case {
     let parameters = [("a", a), ("f", f), ("g", g), ("T", end_s)];
     formula(text, &parameters, end_s, vec![real(0.0), real(end_s)], move |t| {
         let [a, f, g, end] = [a, f, g, end_s].map(real);
-        let envelope = (pi() * t / &end).sin();
+        let envelope = (&*PI * t / &end).sin();
         let phase = &f * t + (g - &f) * t * t / (real(2.0) * end);
-        a * &envelope * &envelope * (real(2.0) * pi() * phase).sin()
+        a * &envelope * &envelope * (real(2.0) * &*PI * phase).sin()
     })
 }
 
@@ -138,7 +139,7 @@ fn damped(a: f64, tau: f64, f: f64, half_swings: u32) -> Case {
     let flat = (0..=half_swings).map(|k| real(k.into()) / (real(2.0) * real(f)));
     let end_s = f64::from(half_swings) / (2.0 * f);
     formula("a*exp(-t/tau)*sin(2*pi*f*t)^2", &[("a", a), ("f", f), ("tau", tau)], end_s, flat.collect(), move |t| {
-        let sine = (real(2.0) * pi() * real(f) * t).sin();
+        let sine = (real(2.0) * &*PI * real(f) * t).sin();
         real(a) * (-(t / real(tau))).exp() * &sine * sine
     })
 }
@@ -274,7 +275,7 @@ fn faded_into_rest(amplitude: f64, period_s: f64, level: f64, from_s: f64, over_
         let x = ((&t - real(from_s)) / real(over_s)).clamp(real(0.0), real(1.0));
         let cube = &x * &x * &x;
         let weight = real(10.0) * &cube - real(15.0) * &cube * &x + real(6.0) * cube * &x * &x;
-        let old = real(amplitude) * (real(1.0) - (real(2.0) * pi() * t / real(period_s)).cos());
+        let old = real(amplitude) * (real(1.0) - (real(2.0) * &*PI * t / real(period_s)).cos());
         &old + weight * (real(level) - &old)
     };
     // The sinusoid turns at a level, too: twice in a period.
