@@ -344,7 +344,7 @@ fn loses_no_step<B: Winch>() {
         for line in last {
             lab.say(line);
         }
-        lab.run_ms(4000);
+        lab.run_ms(3000);
         let statuses = lab.statuses();
         assert_eq!(statuses.last().unwrap().positions, [11, -22, 33, -44], "seed {seed}: {said:?}");
         assert_eq!(lab.counted(lab.now()), [11, -22, 33, -44], "seed {seed}");

@@ -236,12 +236,12 @@ fn a_frame_that_is_cut_behind_a_byte_10_is_no_text() {
 
 /// Lines of which some bytes are lost: x moves by whole lines, that is said, and the next line is obeyed.
 fn check_lost(uno: &mut Uno, lines: i32, name: &str) {
-    uno.run_ms(1500);
+    uno.run_ms(900);
     let x = uno.statuses().last().expect("it tells").positions[0];
     assert!(x % 100 == 0 && x < 100 * lines, "{name}: {x} of {lines} lines");
     assert!(uno.lines.iter().any(|line| line.text.starts_with("err noise ")), "{name}: {:?}", uno.lines);
     uno.send("d x +100\n");
-    uno.run_ms(1000);
+    uno.run_ms(600);
     assert_eq!(uno.statuses().last().expect("it tells").positions[0], x + 100, "{name}");
 }
 
