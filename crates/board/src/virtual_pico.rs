@@ -9,6 +9,7 @@ use crate::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_emulator::{GpioEdge, LineByte, Observer, Rp2040, UartByte, UsbState, image};
 use std::collections::VecDeque;
+use std::sync::OnceLock;
 use std::time::Duration;
 
 /// The firmware that `cargo xtask firmware pico` built, as a Pico's drive takes it (UF2).
@@ -110,13 +111,18 @@ impl VirtualPico {
     /// A Pico with the committed firmware that has just started.
     #[must_use]
     pub fn new() -> VirtualPico {
-        VirtualPico::with_image(IMAGE).expect("the committed image runs: a test holds it")
+        // It boots once in a process.
+        static BOOTED: OnceLock<VirtualPico> = OnceLock::new();
+        let boot = || VirtualPico::with_image(IMAGE).expect("the committed image runs: a test holds it");
+        BOOTED.get_or_init(boot).clone()
     }
 
     /// A Pico with the committed firmware, whose USB serial port has just been opened.
     #[must_use]
     pub fn on_usb() -> VirtualPico {
-        VirtualPico::new().opened().expect("the committed image enumerates: a test holds it")
+        static OPENED: OnceLock<VirtualPico> = OnceLock::new();
+        let open = || VirtualPico::new().opened().expect("the committed image enumerates: a test holds it");
+        OPENED.get_or_init(open).clone()
     }
 
     /// This Pico, used through its own USB port: plugs it in and waits until the port is open.

@@ -11,6 +11,7 @@ use pulsetrain_emulator::{
     Atmega328p, Boot, BootSize, LineByte, Observer, PinEdge, Port as PinPort, ResetCause, UartByte, hex,
 };
 use std::collections::VecDeque;
+use std::sync::OnceLock;
 use std::time::Duration;
 
 pub use crate::bridge::CYCLES_PER_S;
@@ -139,19 +140,27 @@ impl VirtualUno {
     /// An Uno with the committed firmware for plans that has just been plugged in and opened.
     #[must_use]
     pub fn new() -> VirtualUno {
-        VirtualUno::with_image(&image()).expect("no image is larger than what it was parsed for")
+        static NEW: OnceLock<VirtualUno> = OnceLock::new();
+        NEW.get_or_init(|| VirtualUno::with_committed(&image())).clone()
     }
 
     /// As [`new`](VirtualUno::new), with the firmware that [obeys verbs](verbs_image).
     #[must_use]
     pub fn with_verbs() -> VirtualUno {
-        VirtualUno::with_image(&verbs_image()).expect("no image is larger than what it was parsed for")
+        static NEW: OnceLock<VirtualUno> = OnceLock::new();
+        NEW.get_or_init(|| VirtualUno::with_committed(&verbs_image())).clone()
     }
 
     /// As [`new`](VirtualUno::new), with the firmware [for text](winch_image).
     #[must_use]
     pub fn with_winch() -> VirtualUno {
-        VirtualUno::with_image(&winch_image()).expect("no image is larger than what it was parsed for")
+        static NEW: OnceLock<VirtualUno> = OnceLock::new();
+        NEW.get_or_init(|| VirtualUno::with_committed(&winch_image())).clone()
+    }
+
+    /// Its image is parsed and decoded once in a process: clones are cheaper.
+    fn with_committed(image: &[u8]) -> VirtualUno {
+        VirtualUno::with_image(image).expect("no image is larger than what it was parsed for")
     }
 
     /// An Uno with an image of this project's firmware.

@@ -16,6 +16,7 @@ pub enum Size {
 
 impl Size {
     /// 1, 2 or 4.
+    #[inline]
     pub const fn bytes(self) -> u32 {
         match self {
             Size::Byte => 1,

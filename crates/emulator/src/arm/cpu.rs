@@ -180,6 +180,7 @@ impl Cpu {
     }
 
     /// The cycle in which the next step begins.
+    #[inline]
     pub fn cycle(&self) -> u64 {
         self.cycle
     }
@@ -261,11 +262,13 @@ impl Cpu {
     }
 
     /// The cycle in which SysTick next raises its exception, if it is set to do so.
+    #[inline]
     pub fn next_own_event(&self) -> Option<u64> {
         self.systick.next()
     }
 
     /// Whether the processor sleeps in `wfi` or `wfe`, or because of sleep on exit. Its steps are then single cycles.
+    #[inline]
     pub fn is_asleep(&self) -> bool {
         self.exceptions.sleep != Sleep::Awake && !self.wakes()
     }
@@ -280,6 +283,7 @@ impl Cpu {
     }
 
     /// Whether a fault within a fault has locked up the processor. Only a reset or an NMI ends the lock-up.
+    #[inline]
     pub fn is_locked_up(&self) -> bool {
         self.exceptions.locked_up
     }
@@ -365,6 +369,7 @@ impl Cpu {
 }
 
 /// Whether the address belongs to the private peripheral bus (ARMv6-M ARM §B3.1): 0xe000_0000 to 0xe00f_ffff.
+#[inline]
 fn is_private(address: u32) -> bool {
     address >> 20 == 0xe00
 }

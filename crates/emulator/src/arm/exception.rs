@@ -55,6 +55,7 @@ impl Cpu {
         self.attention = if now { 0 } else { self.systick.next().unwrap_or(u64::MAX) };
     }
 
+    #[inline]
     pub(super) fn wakes(&self) -> bool {
         match self.exceptions.sleep {
             Sleep::Awake => true,

@@ -6,6 +6,8 @@
 //! Erasing and programming change one byte after another over their time. So when the supply fails meanwhile, some
 //! bytes are old and some new; on a real chip it may be any mixture of bits.
 
+use std::sync::Arc;
+
 /// Command bytes.
 mod command {
     pub(super) const PAGE_PROGRAM: u8 = 0x02;
@@ -42,7 +44,8 @@ const LONGEST_US: [u64; 2] = [3_000, 400_000];
 
 #[derive(Clone)]
 pub(super) struct Flash {
-    memory: Vec<u8>,
+    /// Its bytes. Clones of a chip share them until one of them is written, as they are most of what a chip holds.
+    memory: Arc<[u8]>,
     /// The chip's unique number.
     pub(super) id: [u8; 8],
     takes_us: [u64; 2],
@@ -74,7 +77,7 @@ impl Flash {
         let mut memory = image.to_vec();
         memory.resize(bytes, 0xff);
         Flash {
-            memory,
+            memory: memory.into(),
             id: *b"\xe6\x60\x58\x38\x83\x2a\x51\x2e",
             takes_us: TYPICAL_US,
             clock_hz: 1,
@@ -91,7 +94,7 @@ impl Flash {
     }
 
     pub(super) fn memory_mut(&mut self) -> &mut [u8] {
-        &mut self.memory
+        Arc::make_mut(&mut self.memory)
     }
 
     pub(super) const fn set_clock(&mut self, hz: u64) {
@@ -172,8 +175,9 @@ impl Flash {
         let passed = cycle.saturating_sub(work.began);
         let is_over = passed >= work.cycles;
         let until = if is_over { len } else { (len as u64 * passed / work.cycles) as usize };
+        let memory = Arc::make_mut(&mut self.memory);
         for place in (work.done..until).map(|done| done * STRIDE % len) {
-            let byte = &mut self.memory[work.at + place];
+            let byte = &mut memory[work.at + place];
             // Programming turns ones to zeros, never the reverse.
             *byte = work.page.map_or(0xff, |page| *byte & page[place]);
         }

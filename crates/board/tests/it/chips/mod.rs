@@ -1,5 +1,6 @@
 //! Tests that run firmware on an emulated chip.
 
+mod link;
 mod pico_examples;
 mod pico_expand;
 mod pico_lease;
@@ -21,7 +22,6 @@ mod uno_brake;
 mod uno_compare;
 mod uno_expand;
 mod uno_lease;
-mod uno_link;
 mod uno_load;
 mod uno_masked;
 mod uno_native;
@@ -34,9 +34,9 @@ mod uno_steps;
 mod uno_stop;
 mod uno_verbs;
 mod uno_wraps;
+mod winch;
 mod winch_avr;
 mod winch_line;
 mod winch_pico;
-mod winch_pico_wraps;
 mod winch_uno;
 mod winch_wraps;

@@ -9,6 +9,7 @@ use pulsetrain_core::output::Sequence;
 use pulsetrain_core::{Epoch, Item, Tick32};
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::pico::{Pair, TICK_HZ, coils, overhead, random_items, run, step_dir};
+use pulsetrain_testkit::seed::seeds;
 
 /// One driver; eight; drivers and coils.
 fn setup(kind: u64) -> Setup {
@@ -36,7 +37,7 @@ struct Tally {
 
 /// Random plans and a host that extends their lease some times, and then stops, tells the end, or has the motors brake.
 fn random_host(kind: u64, seed: u64, tally: &mut Tally) {
-    let random = &mut Random::new(1000 * kind + seed);
+    let random = &mut Random::new(seed.wrapping_add(1000 * kind));
     let setup = setup(kind);
     let mut pair = Pair::new(&setup);
     let from = pair.pico.now() + pair.pico.round_trip() + TICK_HZ / 100;
@@ -87,12 +88,12 @@ fn random_host(kind: u64, seed: u64, tally: &mut Tally) {
 fn its_pins_brake_as_the_native_board_does() {
     let mut tally = Tally::default();
     for kind in 0..3 {
-        for seed in 0..pulsetrain_testkit::seed::rounds() * 5 {
+        for seed in seeds(0, 3) {
             random_host(kind, seed, &mut tally);
         }
     }
     let Tally { lapsed, braked, to_the_end, extended } = tally;
-    assert!(lapsed > 3 && braked > 1 && to_the_end > 1 && extended > 10, "{lapsed} {braked} {to_the_end} {extended}");
+    assert!(lapsed > 1 && braked > 0 && to_the_end > 0 && extended > 5, "{lapsed} {braked} {to_the_end} {extended}");
 }
 
 /// The motor whose data came too late brakes at once, and the other with it: none stops dead, and no step is lost.

@@ -1,83 +1,24 @@
-//! The link to the Pico's firmware by a line that has faults, over either of its lines: the edges are those of a clean run, to
-//! the tick; and a cable that is pulled.
+//! Faults that are particular to the Pico's two lines: a cable that is pulled, and a ring that overflows.
 
+use super::link::{Linked, connected};
 use pulsetrain_board::virtual_pico::{PicoPort, VirtualPico};
 use pulsetrain_board::{Board, Edge, Port, Remote, Setup};
-use pulsetrain_core::output::Sequence;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
-use pulsetrain_testkit::faulty::{Faulty, Rates};
 use pulsetrain_testkit::held::hold_for;
-use pulsetrain_testkit::pico::{TICK_HZ, coils, step_dir};
-use pulsetrain_testkit::segments::{Chip, Law, Stream};
+use pulsetrain_testkit::pico::{TICK_HZ, step_dir};
+use pulsetrain_testkit::segments::Stream;
 use std::time::Duration;
-
-/// GPIO of the gate: no motor's.
-const GATE: u8 = 25;
-
-/// Segments of some 50 ms at the speed of these tests.
-const CHIP: Chip = Chip { least_steps: 100, ..Chip::PICO };
-
-/// How many motors there are, a driver and coils.
-const LAWS: [Law; 2] = [Law::changing(4000.0), Law::changing(700.0)];
-
-fn connected(by_usb: bool, baud: Baud, seed: u64) -> Remote<Faulty<VirtualPico>> {
-    let port = if by_usb { VirtualPico::on_usb() } else { VirtualPico::new() };
-    let mut board = Remote::open(Faulty::new(port, seed), 7).expect("it answers");
-    if baud != Baud::B115200 {
-        assert_eq!(board.set_baud(baud), Ok(baud));
-    }
-    let setup = Setup { pulse_ticks: 250, motors: vec![step_dir(2), coils(22, Sequence::Half)], ..Setup::default() };
-    board.configure(&setup).expect("it takes it");
-    // The same beginning whatever the line does.
-    board.advance(TICK_HZ, &mut |_: Edge| {});
-    board
-}
-
-/// Streams for 2 s; the line is bad from the beginning of the motion on. Edges from there, and frames that were sent again.
-fn stream(by_usb: bool, baud: Baud, seed: u64, rates: Rates) -> (Vec<(u64, u8, bool)>, u64) {
-    let mut board = connected(by_usb, baud, seed);
-    let mut stream = Stream::on(CHIP, &board, &LAWS, 1.0, 5, 2 * TICK_HZ);
-    let (mut edges, begin) = (Vec::new(), stream.begin);
-    let mut observer = |edge: Edge| {
-        if edge.tick >= begin && edge.line != GATE {
-            edges.push((edge.tick - begin, edge.line, edge.level));
-        }
-    };
-    let done = stream.play(&mut board, &mut observer, |_, board| {
-        if board.now() >= begin {
-            board.port_mut().set(rates);
-        }
-        board.error().map_or(Ok(()), |error| Err(error.to_string()))
-    });
-    assert_eq!(done, Ok(()), "seed {seed}, {baud:?}");
-    edges.sort_unstable();
-    (edges, board.link().counts().repeated)
-}
-
-#[test]
-fn a_bad_line_changes_no_edge() {
-    for (by_usb, baud) in [(false, Baud::B115200), (false, Baud::B1M), (true, Baud::B1M)] {
-        let (clean, _) = stream(by_usb, baud, 1, Rates::default());
-        let steps = clean.iter().filter(|edge| edge.1 == 2 && edge.2).count();
-        let patterns = clean.iter().filter(|edge| edge.1 != 2 && edge.1 != 3).count();
-        assert!(steps > 6500 && patterns > 1000, "{steps} steps, {patterns} edges of coils");
-        let mut repeated = 0;
-        for seed in 1..=3 {
-            let (bad, again) = stream(by_usb, baud, seed, Rates { drop: 60, flip: 60, delay: 60, duplicate: 60 });
-            repeated += again;
-            assert!(bad == clean, "seed {seed}, {baud:?}, USB {by_usb}: {} edges of {}", bad.len(), clean.len());
-        }
-        assert!(repeated > 10, "{baud:?}: no fault did anything");
-    }
-}
 
 /// The cable is pulled: what is queued is done to its end, counted, and the next host hears why it stopped.
 #[test]
 fn a_cable_that_is_pulled_is_the_end_of_the_queue() {
     for by_usb in [false, true] {
-        let mut board = connected(by_usb, Baud::B1M, 3);
-        let mut stream = Stream::on(CHIP, &board, &LAWS, 1.0, 5, 4 * TICK_HZ);
+        let mut board = {
+            let port = if by_usb { VirtualPico::on_usb() } else { VirtualPico::new() };
+            connected(port, Baud::B1M, 3)
+        };
+        let mut stream = Stream::on(VirtualPico::CHIP, &board, VirtualPico::LAWS, 1.0, 5, 4 * TICK_HZ);
         let (mut edges, begin) = (Vec::new(), stream.begin);
         let mut observer = |edge: Edge| edges.push(edge);
         let cut = begin + TICK_HZ / 2;
@@ -90,8 +31,9 @@ fn a_cable_that_is_pulled_is_the_end_of_the_queue() {
                 },
             );
         assert_eq!(ended, Err("pulled".to_owned()));
-        board.port_mut().cut(Duration::from_secs(12));
-        let until = board.now() + 14 * TICK_HZ;
+        // Each gives the other up after 2 s.
+        board.port_mut().cut(Duration::from_secs(4));
+        let until = board.now() + 5 * TICK_HZ;
         board.advance(until, &mut observer);
         assert!(board.error().is_some(), "the host hears nothing");
         let mut port = board.close();

@@ -67,7 +67,7 @@ fn another_configuration_leaves_no_pin_of_the_one_before_driven() {
         // Every motor has moved, so that coils are on, and enable is active.
         for motor in 0..setup.motors.len() {
             begin(&mut pico, motor, 20 * epoch + motor as u8, &[run(3, 1_250_000, Forward)]);
-            wait(&mut pico, TICK_HZ / 10);
+            wait(&mut pico, TICK_HZ / 25);
         }
         let mut wanted: Vec<u8> = setup.motors.iter().flat_map(pins_of).collect();
         wanted.extend(setup.enable.map(|(pin, _)| pin));
@@ -93,7 +93,7 @@ fn the_enable_line_goes_with_the_motors() {
         assert!(!pico.port().chip().is_output(22));
         pico.configure(&setup).expect("it takes it");
         assert_eq!(high(&pico, 22), active, "armed");
-        wait(&mut pico, TICK_HZ);
+        wait(&mut pico, TICK_HZ / 5);
         assert_eq!(high(&pico, 22), active, "it holds");
         pico.release().expect("at rest");
         assert_eq!(high(&pico, 22), !active);
@@ -102,7 +102,7 @@ fn the_enable_line_goes_with_the_motors() {
         begin(&mut pico, 0, 1, &[run(100_000, 10_000, Forward)]);
         let now = pico.now();
         pico.stop_now(now, &mut |_: Edge| {});
-        wait(&mut pico, 2 * TICK_HZ);
+        wait(&mut pico, TICK_HZ / 2);
         assert_eq!(high(&pico, 22), active, "it holds");
 
         setup.idle_ms = Some(100);
@@ -110,7 +110,7 @@ fn the_enable_line_goes_with_the_motors() {
         let mut edges = Vec::new();
         for epoch in 2..4 {
             begin(&mut pico, 0, epoch, &[run(10, 125_000, Forward)]);
-            let until = pico.now() + TICK_HZ / 2;
+            let until = pico.now() + TICK_HZ / 5;
             pico.advance(until, &mut |edge: Edge| edges.push(edge));
             assert_eq!(high(&pico, 22), !active, "released");
         }
@@ -184,7 +184,7 @@ fn coils_after_a_stop_obey_the_idle_time() {
                 assert_eq!(before, if held { HALF_STEPS[phase] } else { 0 }, "round {round}");
                 observed(&mut pair, TICK_HZ / 25);
                 assert_eq!(coil_levels(&pair.edges, &motor), before, "round {round}: it stays");
-                observed(&mut pair, TICK_HZ / 4);
+                observed(&mut pair, TICK_HZ / 16);
                 let after = if idle_ms.is_none() { before } else { 0 };
                 assert_eq!(coil_levels(&pair.edges, &motor), after, "round {round}: {idle_ms:?}");
                 // It goes on from its phase.

@@ -133,7 +133,7 @@ fn stop_in_each(
         let report = board.stop_now(now + LATER, &mut observer);
         board.advance(report.tick + TICK_HZ / 1000, &mut observer);
         let caught = check(setup, &edges, &report);
-        let mut chip = board.port().pico.chip().clone();
+        let chip = board.port_mut().pico.chip_mut();
         // PIO's SMx_ADDR (RP2040 datasheet §3.7): nobody has moved a machine on that was not in its pulse.
         let mut at = |motor: u32| chip.read(0x5020_00d4 + 0x10_0000 * (motor / 4) + 0x18 * (motor % 4), &mut Unseen);
         let halted = (0..).zip(caught).map(|(motor, caught)| match (at(motor), caught) {

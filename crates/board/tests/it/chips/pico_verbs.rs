@@ -11,6 +11,7 @@ use pulsetrain_core::wire::{Baud, MAX_MOTORS};
 use pulsetrain_core::{Entry, Epoch, Item, Tick32};
 use pulsetrain_testkit::Random;
 use pulsetrain_testkit::pico::{TICK_HZ, as_line, coils, native_config, overhead, step_dir};
+use pulsetrain_testkit::seed::seeds;
 use std::time::Duration;
 
 /// What the firmware lets a motor be told: docs/verbs.md.
@@ -221,7 +222,7 @@ fn random_verb(limits: &MotorTiming, random: &mut Random) -> Verb {
 
 /// A random live script; how many edges there were.
 fn random_script(kind: u64, seed: u64) -> usize {
-    let random = &mut Random::new(1000 * kind + seed);
+    let random = &mut Random::new(seed.wrapping_add(1000 * kind));
     let mut pair = Pair::new(&random_setup(kind, random));
     for _ in 0..random.between(10, 40) {
         let orders: Vec<_> = (0..random.between(1, 9))
@@ -250,11 +251,11 @@ fn random_script(kind: u64, seed: u64) -> usize {
 fn random_live_scripts() {
     for kind in 0..5 {
         let mut edges = 0;
-        for seed in 0..6 {
+        for seed in seeds(0, 2) {
             println!("kind {kind}, seed {seed}");
             edges += random_script(kind, seed);
         }
-        assert!(edges > 2_000, "kind {kind}: {edges} edges");
+        assert!(edges > 500, "kind {kind}: {edges} edges");
     }
 }
 

@@ -10,14 +10,12 @@ fn setup() -> Setup {
     Setup { pulse_ticks: 125, motors: vec![step_dir(2), coils(22, Sequence::Half)], ..Setup::default() }
 }
 
-/// A Pico that nobody has spoken to for so many ticks.
-fn at(tick: u64) -> VirtualPico {
-    let mut pico = VirtualPico::new();
+/// Lets a Pico be, to which nobody speaks, up to a tick.
+fn wait(pico: &mut VirtualPico, tick: u64) {
     let until = std::time::Duration::from_nanos(8 * tick);
     while pico.now() < until {
         pico.receive(until, &mut Vec::new()).expect("it is there");
     }
-    pico
 }
 
 /// Plans both motors for `seconds` from 30 ms on, and compares all edges.
@@ -56,11 +54,12 @@ fn play(pair: &mut Pair, epoch: u8, seconds: u64) {
 /// A board may have been on for any time when it is configured.
 #[test]
 fn it_can_be_configured_at_any_time() {
-    let mut last = 0;
+    let (mut pico, mut last) = (VirtualPico::new(), 0);
     for half in 1..=3_u64 {
         // On both sides of every 2^31 ticks.
         for tick in [(half << 31) - 30_000_000, (half << 31) + 1000] {
-            let mut pair = Pair::over(at(tick), &setup());
+            wait(&mut pico, tick);
+            let mut pair = Pair::over(pico.clone(), &setup());
             assert!(pair.pico.horizon() < tick + TICK_HZ, "horizon {} at {tick}", pair.pico.horizon());
             play(&mut pair, 1, 1);
             assert!(pair.edges.len() > 10_000);
@@ -97,7 +96,9 @@ mod long {
     /// A motion over the wrap of 2^32 ticks; rest of more than that while motors are armed, and again.
     #[test]
     fn motion_and_rest_go_over_the_wraps() {
-        let mut pair = Pair::over(at((1 << 32) - 2 * TICK_HZ), &setup());
+        let mut pico = VirtualPico::new();
+        wait(&mut pico, (1 << 32) - 2 * TICK_HZ);
+        let mut pair = Pair::over(pico, &setup());
         play(&mut pair, 1, 3);
         for (epoch, seconds) in [(2, 16), (3, 18), (4, 35)] {
             pair.advance(pair.pico.now() + seconds * TICK_HZ);

@@ -12,7 +12,7 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, Segment, Tick32};
 use pulsetrain_testkit::lab::{EXACT, Lab, SOFTWARE, Timing};
-use pulsetrain_testkit::seed::{rounds, seed};
+use pulsetrain_testkit::seed::seeds;
 use pulsetrain_testkit::{Random, TICK_HZ, uno_setup};
 
 /// Pins of motors (STEP, DIR), and what the edges' ticks are compared by.
@@ -249,11 +249,10 @@ fn run(pins: &Pins, seed: u64, ends: &mut Ends) {
 
 #[test]
 fn the_stop_is_as_it_is_replayed() {
-    let begin = seed(1);
     let mut ends = Ends::default();
     let mut failed = Vec::new();
     for pins in &ALL {
-        for seed in begin..begin + 25 * rounds() {
+        for seed in seeds(1, 8) {
             println!("{}, seed {seed}", pins.name);
             if std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| run(pins, seed, &mut ends))).is_err() {
                 failed.push((pins.name, seed));
@@ -262,5 +261,5 @@ fn the_stop_is_as_it_is_replayed() {
     }
     println!("{ends:?}");
     assert!(failed.is_empty(), "{} of {}: {failed:?}", failed.len(), ends.runs);
-    assert!(ends.last > 5 && ends.ordered > 5 && ends.in_motion > 20 && ends.trims > 10 && ends.late > 5, "{ends:?}");
+    assert!(ends.last > 1 && ends.ordered > 1 && ends.in_motion > 6 && ends.trims > 3 && ends.late > 1, "{ends:?}");
 }

@@ -236,19 +236,19 @@ fn a_frame_that_is_cut_behind_a_byte_10_is_no_text() {
 
 /// Lines of which some bytes are lost: x moves by whole lines, that is said, and the next line is obeyed.
 fn check_lost(uno: &mut Uno, lines: i32, name: &str) {
-    uno.run_ms(1500);
+    uno.run_ms(900);
     let x = uno.statuses().last().expect("it tells").positions[0];
     assert!(x % 100 == 0 && x < 100 * lines, "{name}: {x} of {lines} lines");
     assert!(uno.lines.iter().any(|line| line.text.starts_with("err noise ")), "{name}: {:?}", uno.lines);
     uno.send("d x +100\n");
-    uno.run_ms(1000);
+    uno.run_ms(600);
     assert_eq!(uno.statuses().last().expect("it tells").positions[0], x + 100, "{name}");
 }
 
 #[test]
 fn a_line_with_a_hole_is_refused() {
     let mut random = Random::new(seed(11));
-    for round in 0..12 * rounds() {
+    for round in 0..6 * rounds() {
         let mut uno = Uno::new();
         uno.send("l x 10000 250000\ng x 5 1\n");
         uno.run_ms(50);
@@ -267,7 +267,7 @@ fn bytes_that_the_usart_has_lost_are_told() {
     let mut idle = Uno::new();
     idle.send("l x 10000 250000\ng x 5 1\n");
     idle.run_ms(50);
-    for round in 0..60 * rounds() {
+    for round in 0..20 * rounds() {
         let mut uno = idle.clone();
         uno.send("d x +100\n".repeat(20));
         // From before the axis has set out, to where it is under way.
@@ -299,18 +299,26 @@ fn every_line_of_a_short_burst_is_told() {
     }
 }
 
+/// Four axes at full speed.
+fn at_full_speed() -> Uno {
+    let mut uno = Uno::new();
+    uno.send("l xyza 10000 100000\ng xyza 2 1\nv xyza 9999 -9935 9971 -9935\n");
+    uno.run_ms(500);
+    uno
+}
+
 /// Before a flood: all speeds change in each millisecond of the next half second, by 400·2π/e = 924 steps/s at most.
 const CHANGE: &str = "g xyza 1 1\nd xyza -400 400 -400 400\n";
 
 /// The same line again and again, as fast as the line takes it, with four axes at full speed; `first` is said just before. All of
 /// them are obeyed.
 #[track_caller]
-fn check_flood(line: &str, status_ms: u32, first: &str) {
-    let mut uno = Uno::new();
-    uno.send("l xyza 10000 100000\ng xyza 2 1\n");
-    uno.send(format!("srate {status_ms}\nv xyza 9999 -9935 9971 -9935\n"));
-    uno.run_ms(500);
-    let (had, lines) = (uno.lines.len(), 6000 / (line.len() + 1));
+fn check_flood(mut uno: Uno, line: &str, status_ms: u32, first: &str) {
+    uno.send(format!("srate {status_ms}\n"));
+    uno.run_ms(20);
+    // 0.3 s of them, or as long as speeds change.
+    let bytes = if first.is_empty() { 3500 } else { 6000 };
+    let (had, lines) = (uno.lines.len(), bytes / (line.len() + 1));
     uno.send(first);
     uno.send(format!("{line}\n").repeat(lines));
     uno.send("ping\n");
@@ -340,6 +348,7 @@ fn check_flood(line: &str, status_ms: u32, first: &str) {
 
 #[test]
 fn any_line_is_obeyed_at_the_full_rate() {
+    let fast = at_full_speed();
     for (line, status_ms) in [
         ("d xyza 1 1 1 1", 200),
         ("d x 1", 200),
@@ -375,13 +384,14 @@ fn any_line_is_obeyed_at_the_full_rate() {
         ("g xyza 2 1", 200),
         ("g xyza 2 1", 1),
     ] {
-        check_flood(line, status_ms, "");
+        check_flood(fast.clone(), line, status_ms, "");
     }
 }
 
 #[test]
 fn any_line_is_obeyed_at_the_full_rate_while_speeds_change() {
+    let fast = at_full_speed();
     for line in ["d a 0", "g a 1 1", "g a 1.5 1", "g xyza 1 1", "g xyza 1.000000 1.000000", "d xyza 0 0 0 0"] {
-        check_flood(line, 200, CHANGE);
+        check_flood(fast.clone(), line, 200, CHANGE);
     }
 }
