@@ -40,7 +40,12 @@ impl Tier {
         let all = match self {
             Tier::Quick | Tier::Change => vec![],
             Tier::Soak { seed } => {
-                vec![("PROPTEST_CASES", 1024), ("PROPTEST_RNG_SEED", seed), ("PULSETRAIN_SEED", seed)]
+                vec![
+                    ("PROPTEST_CASES", 1024),
+                    ("PULSETRAIN_ROUNDS", 4),
+                    ("PROPTEST_RNG_SEED", seed),
+                    ("PULSETRAIN_SEED", seed),
+                ]
             }
         };
         all.into_iter().map(|(name, number)| (name, number.to_string())).collect()
@@ -287,7 +292,7 @@ speed: benchmark
         let job = &binary().jobs("link::a: test\n", Tier::Soak { seed: 7 })[0];
         assert_eq!(
             job.text,
-            "PROPTEST_CASES=1024 PROPTEST_RNG_SEED=7 PULSETRAIN_SEED=7 cargo test -p pulsetrain-board --test it link::"
+            "PROPTEST_CASES=1024 PULSETRAIN_ROUNDS=4 PROPTEST_RNG_SEED=7 PULSETRAIN_SEED=7 cargo test -p pulsetrain-board --test it link::"
         );
     }
 

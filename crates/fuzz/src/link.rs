@@ -36,7 +36,6 @@ pub(crate) fn packing(input: &[u8]) {
     }
 }
 
-
 /// The segment without the differences that none of its steps uses: those are not packed.
 fn as_run(item: Item) -> Item {
     match item {
@@ -104,7 +103,6 @@ pub(crate) fn wire(input: &[u8]) {
         }
     }
 }
-
 
 /// What the board answers within some milliseconds.
 fn send(port: &mut ModelPort, bytes: &[u8]) -> Vec<u8> {

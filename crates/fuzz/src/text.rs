@@ -2,8 +2,8 @@
 
 use crate::decoded;
 use pulsetrain_motion::{Law, Time, file};
-use pulsetrain_trace::{camera as camera_file, saleae as saleae_file, sigrok as sigrok_file, steps as steps_file};
 use pulsetrain_trace::vcd_file;
+use pulsetrain_trace::{camera as camera_file, saleae as saleae_file, sigrok as sigrok_file, steps as steps_file};
 use std::io::ErrorKind::NotFound;
 
 /// How many pieces of a law are looked at.

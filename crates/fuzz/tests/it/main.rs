@@ -14,7 +14,8 @@ fn root() -> PathBuf {
 /// The files in a folder of the repository, by name.
 fn files(folder: &str) -> Vec<PathBuf> {
     let entries = fs::read_dir(root().join(folder)).expect("a folder of seeds");
-    let mut files: Vec<_> = entries.map(|entry| entry.expect("an entry").path()).filter(|path| path.is_file()).collect();
+    let mut files: Vec<_> =
+        entries.map(|entry| entry.expect("an entry").path()).filter(|path| path.is_file()).collect();
     files.sort();
     files
 }
@@ -61,7 +62,8 @@ fn damaged(sound: &[u8], random: &mut Random) -> Vec<u8> {
 fn each_target_has_a_file_for_the_fuzzer() {
     let known: BTreeSet<_> = TARGETS.iter().map(|target| format!("{}.rs", target.name)).collect();
     let found = files("fuzz/fuzz_targets").into_iter();
-    let found: BTreeSet<_> = found.map(|path| path.file_name().expect("a name").to_string_lossy().into_owned()).collect();
+    let found: BTreeSet<_> =
+        found.map(|path| path.file_name().expect("a name").to_string_lossy().into_owned()).collect();
     assert_eq!(known, found);
 }
 
