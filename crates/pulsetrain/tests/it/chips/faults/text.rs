@@ -1,8 +1,8 @@
 //! StepperWinch's text, strict and with checksums, with one damaged byte.
 
 use super::bench::{Chip, Moved};
-use super::some;
 use super::table::Row;
+use super::{Tried, some};
 use pulsetrain_testkit::winch::{WinchLab, Wired};
 
 /// Each axis has a target of its own, so that the end positions show which lines were obeyed.
@@ -22,16 +22,16 @@ fn with_checksum(line: String) -> String {
 
 /// Each byte of a script to the board. Neighbours that change places keep their exclusive or, but no line makes that
 /// fault.
-pub(crate) fn rows<P: Chip + Wired>(fresh: &P, seed: u64) -> Vec<Row> {
+pub(crate) fn rows<P: Chip + Wired>(fresh: &P, tried: Tried) -> Vec<Row> {
     const FEW: u64 = 6;
     let script = script();
     let bytes = script.concat().into_bytes();
     ["lost", "with a bit changed", "doubled"]
         .map(|what| {
             let fault = format!("text with checksums, a byte to the board {what}");
-            let tried = some(&fault, bytes.len() as u64, FEW, seed);
+            let places = some(&fault, bytes.len() as u64, FEW, tried);
             let mut row = Row::new(fault, <P as Chip>::NAME, format!("{} bytes", bytes.len()), Moved::ByWholeLines);
-            for at in tried {
+            for at in places {
                 let at = at as usize;
                 let mut sent = bytes.clone();
                 match what {
@@ -39,7 +39,7 @@ pub(crate) fn rows<P: Chip + Wired>(fresh: &P, seed: u64) -> Vec<Row> {
                         sent.remove(at);
                     }
                     "doubled" => sent.insert(at, bytes[at]),
-                    _ => sent[at] ^= 1 << ((seed as usize + 3 * at) % 8),
+                    _ => sent[at] ^= 1 << ((tried.seed as usize + 3 * at) % 8),
                 }
                 let mut lab = WinchLab::around(fresh.clone());
                 lab.run_ms(80);
