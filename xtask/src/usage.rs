@@ -49,7 +49,8 @@ fn processor_s() -> Option<f64> {
 fn of_stat(line: &str) -> Option<f64> {
     // The second field, a name in parentheses, may contain anything.
     let (_, rest) = line.rsplit_once(')')?;
-    let ticks = rest.split_whitespace().skip(11).take(4).map(|field| field.parse::<u64>().ok());
+    let fields: Vec<&str> = rest.split_whitespace().collect();
+    let ticks = fields.get(11..15)?.iter().map(|field| field.parse::<u64>().ok());
     Some(ticks.sum::<Option<u64>>()? as f64 / TICKS_PER_S)
 }
 
