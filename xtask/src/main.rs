@@ -62,6 +62,7 @@ const AFTER_HELP: &str = "Examples:
   cargo xtask soak --rounds 20 --seed 7      new seeds, and longer
   cargo xtask soak --stops 500     cables cut, and hosts that stop, at random instants of random motions
   cargo xtask soak --mutants pulsetrain-core --shard 0/50   which changes of the code no test notices
+  cargo xtask bench promises       whether the boards reach the promised rates by `pulsetrain run`
   cargo xtask bench uno --hour     an hour on the virtual Uno
   cargo xtask bench uno --motions  how fast whole motions run on the virtual Uno
   cargo xtask accept --count 1000 --seed 7   random motions; `accept --seed 7 --only 42` is one of them
@@ -121,14 +122,14 @@ enum Task {
         /// The linker's file, such as target/thumbv6m-none-eabi/release/myfw
         elf: std::path::PathBuf,
     },
-    /// Measure every figure, print it, and write docs/benchmarks/
+    /// Measure figures, print them, and write docs/benchmarks/: without a section, the host's and the first run's
     Bench {
-        /// Only these, in emulated cycles or on rendered clips: a section of the report
+        /// Only these: a section of the report
         only: Option<Figures>,
         /// Of the Uno: the simulated hour of four motors on one DIR line; of the Pico: of eight; a section of its own
         #[arg(long, requires = "only")]
         hour: bool,
-        /// Of the Uno: figure 2 alone, the promised rates; printed, not written
+        /// Of the Uno: figure 2 alone, sustained rates while laws change; printed, not written
         #[arg(long, requires = "only", conflicts_with = "hour")]
         rates: bool,
         /// Of the Uno: figure 8 alone, how fast whole motions run; with so many seeds; printed, not written
@@ -171,6 +172,12 @@ fn firmware(board: Option<Firmware>, check: bool) -> Done {
 /// Figures that are measured by themselves.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Figures {
+    /// Planning on this computer
+    Host,
+    /// The README's first command, in a clean clone with empty caches
+    FirstRun,
+    /// What the boards reach by `pulsetrain run`: the promised rates
+    Promises,
     /// The Arduino Uno's firmware
     Uno,
     /// StepperWinch's text on it
@@ -199,11 +206,14 @@ fn main() -> ExitCode {
         Task::Firmware { sizes: Some(before), .. } => firmware::sizes(before.as_deref()),
         Task::Firmware { board, check, .. } => firmware(board, check),
         Task::Uf2 { elf } => firmware::pico::convert(&elf),
-        Task::Bench { only: None, .. } => bench::run(),
+        Task::Bench { only: None, .. } => bench::host().and_then(|()| bench::first_run::run()),
+        Task::Bench { only: Some(Figures::Host), .. } => bench::host(),
+        Task::Bench { only: Some(Figures::FirstRun), .. } => bench::first_run::run(),
         Task::Bench { only: Some(Figures::Uno), rates: true, .. } => bench::uno::figure_2(),
         Task::Bench { only: Some(Figures::Uno), motions: Some(seeds), .. } => bench::uno::motions(seeds),
         Task::Bench { only: Some(Figures::Uno), hour: false, .. } => bench::uno::run(),
         Task::Bench { only: Some(Figures::Uno), hour: true, .. } => bench::uno::hour(),
+        Task::Bench { only: Some(Figures::Promises), .. } => bench::promises::run(),
         Task::Bench { only: Some(Figures::Live), .. } => bench::live::run(),
         Task::Bench { only: Some(Figures::Winch), .. } => bench::winch::run(),
         Task::Bench { only: Some(Figures::Verbs), .. } => bench::verbs::run(),

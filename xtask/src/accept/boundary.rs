@@ -7,7 +7,7 @@ use crate::command::{self, Done};
 
 /// Frequencies of the sinusoids, Hz.
 const FREQUENCIES: [u32; 5] = [1, 3, 10, 30, 60];
-/// Peak rates that are tried: the promised one, and this many below it, each 5 % lower.
+/// Peak rates that are tried: the board's limit, and this many below it, each 5 % lower.
 const RUNGS: u32 = 80;
 
 /// A row of the table: a board with a number of motors.
@@ -28,7 +28,7 @@ pub(super) fn run(program: &Program, board: Option<&str>) -> Done {
         "Sinusoids in phase, 2 s: largest peak that runs, k steps/s each. \"Runs\": `plan` accepts it, and no step is lost.\n"
     );
     let head = FREQUENCIES.map(|frequency| format!("{frequency} Hz")).join(" | ");
-    println!("| board | motors | promised | {head} |\n|---|---|---|{}", "---|".repeat(FREQUENCIES.len()));
+    println!("| board | motors | limit | {head} |\n|---|---|---|{}", "---|".repeat(FREQUENCIES.len()));
     for (row, peaks) in rows.iter().zip(peaks.chunks(FREQUENCIES.len())) {
         let cells: Vec<String> = peaks.iter().map(|(_, peak)| peak.map_or("–".to_owned(), thousands)).collect();
         println!("| {} | {} | {} | {} |", row.board, row.motors, thousands(peaks[0].0), cells.join(" | "));
@@ -41,13 +41,13 @@ fn thousands(hz: f64) -> String {
     format!("{:.decimals$}", hz / 1000.0)
 }
 
-/// The promised peak rate, and the largest that runs, steps/s. If a rate runs, all lower ones are taken to run, too.
+/// The limit of the peak rate, and the largest that runs, steps/s. If a rate runs, all lower ones are taken to run, too.
 fn peak(program: &Program, row: BoundaryRow, frequency: u32) -> Done<(f64, Option<f64>)> {
     let BoundaryRow { board, motors } = row;
     let folder = Folder::new(format!("boundary-{board}-{motors}-{frequency}"))?;
     folder.write("too-fast.toml", in_phase(board, motors, 1e9, frequency).files[0].1.as_str())?;
-    let promised_hz = program.promised_hz(&folder, "too-fast.toml")?;
-    let at = |rung: u32| promised_hz * 0.95_f64.powf(f64::from(rung));
+    let limit_hz = program.limit_hz(&folder, "too-fast.toml")?;
+    let at = |rung: u32| limit_hz * 0.95_f64.powf(f64::from(rung));
     // The first rate that runs lies behind `fails`, at `runs` at the latest.
     let (mut fails, mut runs) = (None, RUNGS);
     while fails.map_or(0, |rung| rung + 1) < runs {
@@ -56,5 +56,5 @@ fn peak(program: &Program, row: BoundaryRow, frequency: u32) -> Done<(f64, Optio
         if program.outcome(&folder, &motion, false)? == Outcome::Passed { runs = rung } else { fails = Some(rung) }
     }
     folder.remove()?;
-    Ok((promised_hz, (runs < RUNGS).then(|| at(runs))))
+    Ok((limit_hz, (runs < RUNGS).then(|| at(runs))))
 }

@@ -1,9 +1,9 @@
 //! Plans and runs random realistic motions with the program that users run. What `plan` accepts must run.
 
 mod boundary;
+mod expected;
 mod motions;
 mod outcome;
-mod promised;
 
 use crate::command::{self, Done, Failure, command, target_dir};
 use crate::programs;
@@ -79,8 +79,8 @@ pub(crate) fn run(options: &Options) -> Done {
     print!("{}", report(options, &tried));
     println!("\n{} motions in {took_s:.0} s: {:.0} a minute", tried.len(), 60.0 * tried.len() as f64 / took_s);
     let broken = tried.iter().filter(|tried| tried.outcome.is_failure()).count();
-    // The boards' rates are promised at 1 Mbaud.
-    let too_many = options.baud.is_none() && promised::line(&tried).1;
+    // The rates are those at 1 Mbaud.
+    let too_many = options.baud.is_none() && expected::line(&tried).1;
     let passed = tried.iter().filter(|tried| matches!(tried.outcome, Outcome::Passed)).count();
     match (broken, passed) {
         (1.., _) => Err(Failure::Check(format!("{broken} motions broke"))),
@@ -118,8 +118,8 @@ struct Tried {
     number: u64,
     board: &'static str,
     motors: usize,
-    /// Whether an Uno must follow it: see [`promised::is_promised`].
-    promised: bool,
+    /// Whether `plan` should accept it: see [`expected::is_expected`].
+    expected: bool,
     outcome: Outcome,
     /// Where its files are, or were.
     folder: PathBuf,
@@ -152,7 +152,7 @@ fn report(options: &Options, tried: &[Tried]) -> String {
         let counts = counts.map(|count| count.to_string()).join(" | ");
         text.push_str(&format!("| {} | {motors} | {tried} | {counts} |\n", BOARDS[board]));
     }
-    text.push_str(&promised::line(tried).0);
+    text.push_str(&expected::line(tried).0);
     for (column, kinds) in COLUMNS.iter().zip(kinds) {
         let mut kinds: Vec<_> = kinds.into_iter().collect();
         kinds.sort_by_key(|(_, motions)| std::cmp::Reverse(motions.len()));
@@ -196,15 +196,15 @@ impl Program {
         let folder = Folder::new(format!("seed-{seed}-{number}-{board}"))?;
         let rig = Rig::new(seed, number, board);
         folder.write("too-fast.toml", rig.too_fast())?;
-        let promised_hz = self.promised_hz(&folder, "too-fast.toml")?;
-        let motion = rig.motion(promised_hz);
+        let limit_hz = self.limit_hz(&folder, "too-fast.toml")?;
+        let motion = rig.motion(limit_hz);
         let motors = motion.motors;
-        let promised = board == "uno" && promised::is_promised(&motion, promised_hz);
+        let expected = board == "uno" && expected::is_expected(&motion, limit_hz);
         let outcome = self.outcome(&folder, &motion, number.is_multiple_of(VERIFIED))?;
         if !options.keep && options.only.is_none() {
             if outcome.is_failure() { folder.remove_run()? } else { folder.remove()? }
         }
-        Ok(Tried { number, board, motors, promised, outcome, folder: folder.0 })
+        Ok(Tried { number, board, motors, expected, outcome, folder: folder.0 })
     }
 
     fn outcome(&self, folder: &Folder, motion: &Motion, verify: bool) -> Done<Outcome> {
@@ -227,12 +227,12 @@ impl Program {
         Ok(outcome::verified(&self.say(folder, "verify", &[&[&trace, "motion.toml"], until, pins])?))
     }
 
-    /// The rate that `plan` promises for this many motors on such pins and drivers, steps/s of each.
-    fn promised_hz(&self, folder: &Folder, too_fast: &str) -> Done<f64> {
+    /// The rate that `plan` allows for this many motors on such pins and drivers, steps/s of each.
+    fn limit_hz(&self, folder: &Folder, too_fast: &str) -> Done<f64> {
         let ended = self.say(folder, "plan", &[&[too_fast, "--yes"]])?;
         let said = String::from_utf8_lossy(&ended.stdout);
-        let promised = said.split("the board makes ").nth(1).and_then(|rest| rest.split(' ').next()?.parse().ok());
-        promised.ok_or_else(|| {
+        let limit = said.split("the board makes ").nth(1).and_then(|rest| rest.split(' ').next()?.parse().ok());
+        limit.ok_or_else(|| {
             Failure::Check(format!(
                 "{}/{too_fast}: `plan` does not say what the board makes: {said}",
                 folder.0.display()

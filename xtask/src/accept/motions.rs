@@ -14,7 +14,7 @@ const SPAN_S: f64 = 2.0;
 /// A motion is shorter if all motors together would make more steps than this, since each step takes time and a line in
 /// two files.
 const MOST_STEPS: f64 = 1_500_000.0;
-/// Rate of a motion's fastest motor, as a share of the board's promise.
+/// Rate of a motion's fastest motor, as a share of the board's limit.
 const SLOWEST_SHARE: f64 = 0.02;
 
 /// A motion file with its data.
@@ -33,7 +33,7 @@ pub(crate) struct Motion {
     pub(crate) turns_hz: Option<f64>,
 }
 
-/// The motors of a motion and their wiring, on which a board's promise depends.
+/// The motors of a motion and their wiring, on which a board's limit depends.
 pub(crate) struct Rig {
     board: &'static str,
     seed: u64,
@@ -118,7 +118,7 @@ impl Rig {
         Rig { board, seed, number, random, motors, shares_dir, alike }
     }
 
-    /// A motion of these motors that no board can follow: the refusal then contains the board's promise.
+    /// A motion of these motors that no board can follow: the refusal then contains the board's limit.
     pub(crate) fn too_fast(&self) -> String {
         let mut text = format!("board = \"{}\"\n", self.board);
         if self.board == "pico" {
@@ -136,9 +136,9 @@ impl Rig {
         text
     }
 
-    /// A motion of these motors on a board that promises `promised_hz` steps/s of each of them.
-    pub(crate) fn motion(mut self, promised_hz: f64) -> Motion {
-        let rate = promised_hz * self.random.decades(SLOWEST_SHARE.log10(), 0.0);
+    /// A motion of these motors on a board that allows `limit_hz` steps/s of each of them.
+    pub(crate) fn motion(mut self, limit_hz: f64) -> Motion {
+        let rate = limit_hz * self.random.decades(SLOWEST_SHARE.log10(), 0.0);
         let steps = rate * 0.6 * SPAN_S * self.motors.len() as f64;
         let mut part = Part {
             rate,
@@ -726,13 +726,13 @@ mod tests {
     use std::io::ErrorKind;
     use std::path::Path;
 
-    /// The approximate promise of each board for this many motors.
-    const PROMISED_HZ: f64 = 20_000.0;
+    /// The approximate limit of each board for this many motors.
+    const LIMIT_HZ: f64 = 20_000.0;
 
     fn each(count: u64, mut look: impl FnMut(u64, &'static str, Motion)) {
         for number in 0..count {
             for board in BOARDS {
-                look(number, board, Rig::new(5, number, board).motion(PROMISED_HZ));
+                look(number, board, Rig::new(5, number, board).motion(LIMIT_HZ));
             }
         }
     }
@@ -741,12 +741,12 @@ mod tests {
     fn a_motion_is_its_seeds_and_its_numbers_alone() {
         let mut texts = BTreeSet::new();
         each(50, |number, board, motion| {
-            assert_eq!(Rig::new(5, number, board).motion(PROMISED_HZ), motion);
+            assert_eq!(Rig::new(5, number, board).motion(LIMIT_HZ), motion);
             assert!(motion.files[0].1.starts_with(&format!("# {}\n", reproduce(5, number, board))));
             texts.insert(motion.files[0].1.clone());
         });
         assert_eq!(texts.len(), 50 * BOARDS.len(), "no two are alike");
-        assert_ne!(Rig::new(6, 0, "uno").motion(PROMISED_HZ), Rig::new(5, 0, "uno").motion(PROMISED_HZ));
+        assert_ne!(Rig::new(6, 0, "uno").motion(LIMIT_HZ), Rig::new(5, 0, "uno").motion(PROMISED_HZ));
     }
 
     /// The reader of motion files accepts all of them: this is a test of the planner and the boards, not of the reader.
@@ -758,8 +758,7 @@ mod tests {
                 found.map(|(_, text)| text.clone()).ok_or(ErrorKind::NotFound.into())
             };
             let text = &motion.files[0].1;
-            for text in [text, &Rig::new(5, number, board).too_fast(), &in_phase(board, 4, PROMISED_HZ, 30).files[0].1]
-            {
+            for text in [text, &Rig::new(5, number, board).too_fast(), &in_phase(board, 4, LIMIT_HZ, 30).files[0].1] {
                 if let Err(error) = pulsetrain_motion::file::read(text, "motion.toml", &table) {
                     panic!("{text}\n{}", error.plain());
                 }

@@ -1,10 +1,11 @@
 //! Figures: measured, compared with their bounds, printed, and written to docs/benchmarks/.
 
 pub(crate) mod film;
-mod first_run;
+pub(crate) mod first_run;
 pub(crate) mod live;
 mod peers;
 pub(crate) mod pico;
+pub(crate) mod promises;
 mod report;
 mod table;
 pub(crate) mod uno;
@@ -34,8 +35,8 @@ impl Row {
     }
 }
 
-/// Measures, prints and writes; fails if a bound is broken, after having written.
-pub(crate) fn run() -> Done {
+/// Measures the host, prints and writes; fails if a bound is broken, after having written.
+pub(crate) fn host() -> Done {
     let text = output(&mut cargo("bench --package pulsetrain-plan --bench figures"))?;
     let mut rows = text.lines().filter(|line| line.contains('\t')).map(parse).collect::<Done<Vec<_>>>()?;
     rows.push(elsewhere(
@@ -45,10 +46,6 @@ pub(crate) fn run() -> Done {
         Some(1e-6),
         ruckig::compare()?,
     ));
-    let first_run = first_run::measure()?;
-    rows.push(elsewhere(6, "tutorial.toml", "first `cargo run` of a clean clone, s", None, first_run.first_s));
-    rows.push(elsewhere(6, "tutorial.toml", "run of the built binary, s", Some(2.0), first_run.again_s));
-
     let report = report::markdown(&rows)?;
     print!("{report}");
     report::write("host", &report)?;

@@ -12,9 +12,9 @@ const TITLES: [&str; 8] = [
     "The same: constant rates, in phase, unequal rates, turns, longer pulses",
     "Four motors on one DIR line for an hour",
     "Load of the processor",
-    "Motions that stay fast, as `pulsetrain run` makes them, in phase and staggered: the fastest that holds",
-    "Promised rates with other random segments: lateness and lost steps of all runs, load of the first, and how many hold",
-    "Whole motions of about 1 s, in phase and staggered: 1000 steps/s of each motor that run / that `plan` accepts (promised / wanted)",
+    "Motions that stay fast, by a session, in phase and staggered: the fastest up to which all hold",
+    "The limits of the table of boards with other random segments: lateness and lost steps of all runs, load of the first, and how many hold",
+    "Whole motions of about 1 s, in phase and staggered: 1000 steps/s of each motor that run / that `plan` accepts",
 ];
 
 const PREFACE: &str = "Emulated: the committed images on the ATmega328P of `crates/emulator`, 16 MHz, streamed at 1 Mbaud; no \
@@ -22,8 +22,9 @@ board was connected. Lateness is edge − scheduled tick − the constant of the
 steps without an edge and edges without a step. `awake`: share of all cycles that the processor did not sleep; `busy`: the same \
 less, for each round of the main loop, what the shortest round takes, which looks for work and finds none. `horizon`: the \
 farthest that the rings were committed ahead. A rate holds if no step is lost, 99 % of the edges are at most 40 cycles late, all \
-at most 60, and the board reports nothing; rates are tried 2.5 % apart, and those that are promised. Random segments are of 40 to 80 steps; what changes by \
-±10 % does so from segment to segment.";
+at most 60, and the board reports nothing; rates are tried 2.5 % apart. Random segments are of 40 to 80 steps; what changes by \
+±10 % does so from segment to segment. That is harder than planned motions: only rows with a text in `required` are promises, and \
+[promises.md](promises.md) has the promised rates.";
 
 /// Figures 1, 2, 3 and 5.
 pub(crate) fn run() -> Done {
@@ -44,7 +45,7 @@ pub(crate) fn hour() -> Done {
     table.finish("uno-hour", &text)
 }
 
-/// Prints figure 2 alone and writes nothing: how a change of the firmware affects the promised rates.
+/// Prints figure 2 alone and writes nothing: how a change of the firmware affects sustained rates.
 pub(crate) fn figure_2() -> Done {
     let (table, _) = measure("-- figure-2")?;
     print!("{}", table.markdown("Uno", &TITLES));

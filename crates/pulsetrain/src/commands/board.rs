@@ -30,7 +30,8 @@ use pulsetrain_motion::human;
 #[command(after_help = "\
 `uno` and `pico` run the firmware on an emulated chip, behind a model of the Uno's USB bridge or by the Pico's own \
 USB. A client that opens the port resets an Uno, as with a real one. With --pty the line has the rate that the client \
-sets; with --tcp it stays at 115200 baud. Both understand StepperWinch's text, too.
+sets; with --tcp it stays at 115200 baud. `pico` also understands StepperWinch's text; `uno` does with --image winch, \
+in place of plans.
 
 `winch` answers StepperWinch's text with this computer's own path generator, without a chip. It needs hardly any \
 processor time.

@@ -17,6 +17,7 @@ mod machines;
 mod mutants;
 mod page;
 mod plots;
+mod promises;
 mod readme;
 mod recordings;
 mod small_queues;

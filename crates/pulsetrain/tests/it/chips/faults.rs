@@ -58,6 +58,9 @@ fn both(tried: Tried) -> [Vec<Row>; 2] {
 /// All kinds of faults, at some of the places.
 #[test]
 fn each_kind_of_fault_is_met() {
+    let page = include_str!("../../../../../docs/faults.md");
+    let said = format!("`cargo xtask test` one byte in {})", GATE.one_in);
+    assert!(page.contains(&said), "the page has another number");
     let [uno, pico] = both(Tried { seed: seed(OWN_SEED), ..GATE });
     assert_eq!(uno.len(), pico.len());
 }

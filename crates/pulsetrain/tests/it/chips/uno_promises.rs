@@ -1,17 +1,17 @@
-//! The promises for an Uno, in short streams: every row of the benches' second figure, 5 % below the promised rate and
-//! lower.
+//! The promised rates of the boards, by `pulsetrain run`; and, in short streams, every row of the Uno's second figure,
+//! 3 % below the limit of the table of boards and lower.
 //!
 //! `cargo xtask bench uno` measures how far the board goes beyond.
 
 use crate::common::motion::make;
+use crate::common::promises::PROMISES;
 use crate::common::rigs;
-use crate::common::rows::{Case, PROMISED, Row, fastest_plateau, tutorial, tutorial_row};
+use crate::common::rows::{CHANGING, Case, Row, fastest_plateau, tutorial_row};
 use crate::common::uno::{MOST_CYCLES, SHIELD};
-use pulsetrain_motion::program::{DriverTiming, Motor, Wiring};
 use pulsetrain_motion::{Law, Time, boards};
 use pulsetrain_session::prepare::Prepared;
-use pulsetrain_testkit::TICK_HZ;
 use std::f64::consts::TAU;
+use std::path::Path;
 
 /// Length of a stream for each kind of pins, s.
 const SHORT_S: f64 = 0.1;
@@ -38,11 +38,20 @@ fn the_tutorials_sweeps_hold() {
     }
 }
 
+/// As `cargo xtask bench promises` runs them.
 #[test]
-fn promised_rates_hold() {
-    for case in PROMISED {
-        for (share, turns) in [(0.25, 0), (0.1, 5), (0.95, 0)] {
-            holds(&Case { turns, ..case }.row(share * case.required.unwrap_or(0.0), SHORT_S));
+fn promised_rates_are_kept() {
+    let program = Path::new(env!("CARGO_BIN_EXE_pulsetrain"));
+    let faults = PROMISES.iter().map(|promise| (promise.fields().join(", "), promise.run(program).fault));
+    let broken: Vec<_> = faults.filter(|(_, fault)| !fault.is_empty()).collect();
+    assert!(broken.is_empty(), "{broken:#?}");
+}
+
+#[test]
+fn streams_below_the_limits_hold() {
+    for case in CHANGING {
+        for (share, turns) in [(0.25, 0), (0.1, 5), (0.97, 0)] {
+            holds(&Case { turns, ..case }.row(share * case.limit_hz(), SHORT_S));
         }
     }
 }
@@ -50,7 +59,7 @@ fn promised_rates_hold() {
 /// Four motors that switch to new epochs while they are fast: their lists are full, or nearly so, when a switch waits.
 #[test]
 fn four_motors_stay_fast_on_the_shield() {
-    let case = PROMISED[6];
+    let case = CHANGING[6];
     for rate in [11e3, 12.5e3, 13e3, 15e3] {
         let row = fastest_plateau(&case, &[rate]);
         assert_eq!(row.verdict, "", "{rate} steps/s");
@@ -80,18 +89,9 @@ fn two_motors_on_sinusoids_do_not_starve() {
 /// the rates there.
 #[test]
 fn rates_with_long_pulses_hold() {
-    let row = boards::find("uno").expect("the Uno's row");
-    let two_on_port_b = Case { motors: 2, ..PROMISED[5] };
-    for case in [PROMISED[0], PROMISED[2], two_on_port_b, PROMISED[4], PROMISED[5], PROMISED[6]] {
-        let one = &tutorial(Time::SECOND, 1, case.pins[0], 1000).program.motors[0];
-        let rate = |ticks: u16| {
-            let motors = case.pins[..case.motors].iter().map(|&(step, dir)| Motor {
-                wiring: Wiring::StepDir { step, dir, forward_high: true, enable: None },
-                timing: DriverTiming { pulse_high_ns: u32::from(ticks) * 125 / 2, ..one.timing },
-                ..one.clone()
-            });
-            TICK_HZ as f64 / f64::from(row.shortest_intervals(&motors.collect::<Vec<_>>())[case.motors - 1])
-        };
+    let two_on_port_b = Case { motors: 2, ..CHANGING[5] };
+    for case in [CHANGING[0], CHANGING[2], two_on_port_b, CHANGING[4], CHANGING[5], CHANGING[6]] {
+        let rate = |pulse_ticks| Case { pulse_ticks, ..case }.limit_hz();
         let longest = (81..=255).find(|ticks| 2.0 * rate(ticks + 1) < rate(*ticks)).expect("where it goes over");
         let run = |pulse_ticks, swing, rate: f64| Case { pulse_ticks, swing, ..case }.row(0.95 * rate, SHORT_S);
         holds(&run(longest, 0.0, rate(longest)));

@@ -6,6 +6,7 @@ pub(crate) mod motions;
 pub(crate) mod onward;
 pub(crate) mod pico;
 pub(crate) mod pico_rows;
+pub(crate) mod promises;
 pub(crate) mod random;
 pub(crate) mod rigs;
 pub(crate) mod rows;

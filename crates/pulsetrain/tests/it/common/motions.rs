@@ -32,15 +32,15 @@ pub(crate) enum Shape {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sort {
     pub(crate) shape: Shape,
-    /// With 1 to 4 motors, 1000 steps/s: the promised rate, and the wanted one, at 1 Mbaud.
-    pub(crate) asked: [(f64, f64); 4],
+    /// With 1 to 4 motors, 1000 steps/s, at 1 Mbaud: rates are tried from a third of the first to 1.3 times the second.
+    pub(crate) tried: [(f64, f64); 4],
 }
 
 pub(crate) const SORTS: [Sort; 4] = [
-    Sort { shape: Shape::Trapezoid, asked: [(140.0, 150.0), (70.0, 75.0), (32.0, 35.0), (21.0, 26.0)] },
-    Sort { shape: Shape::Sine(1.0, 5.0), asked: [(148.0, 150.0), (72.0, 75.0), (32.0, 37.0), (20.0, 24.0)] },
-    Sort { shape: Shape::Sine(15.0, 15.0), asked: [(140.0, 148.0), (65.0, 70.0), (30.0, 35.0), (12.0, 18.0)] },
-    Sort { shape: Shape::Sine(35.0, 35.0), asked: [(135.0, 140.0), (50.0, 60.0), (7.0, 18.0), (2.0, 8.0)] },
+    Sort { shape: Shape::Trapezoid, tried: [(140.0, 150.0), (70.0, 75.0), (32.0, 35.0), (21.0, 26.0)] },
+    Sort { shape: Shape::Sine(1.0, 5.0), tried: [(148.0, 150.0), (72.0, 75.0), (32.0, 37.0), (20.0, 24.0)] },
+    Sort { shape: Shape::Sine(15.0, 15.0), tried: [(140.0, 148.0), (65.0, 70.0), (30.0, 35.0), (12.0, 18.0)] },
+    Sort { shape: Shape::Sine(35.0, 35.0), tried: [(135.0, 140.0), (50.0, 60.0), (7.0, 18.0), (2.0, 8.0)] },
 ];
 
 impl Shape {
@@ -134,14 +134,12 @@ pub(crate) struct Cell {
 impl Sort {
     /// `Cell` of some motors, with some seeds. Neighbouring rates differ by the share `rung`.
     pub(crate) fn cell(&self, motors: usize, baud: Baud, seeds: u64, rung: f64) -> Cell {
-        let (floor, wanted) = self.asked[motors - 1];
+        let (from, to) = self.tried[motors - 1];
         // A slow line carries the plans of a fraction of the rate.
-        let slowest = 1e3 * floor / if baud == Baud::B1M { 3.0 } else { 30.0 };
+        let slowest = 1e3 * from / if baud == Baud::B1M { 3.0 } else { 30.0 };
         let up = |rate: &f64| Some(rate * (1.0 + rung));
-        let rungs = std::iter::successors(Some(slowest), up).take_while(|rate| *rate < 1.3e3 * wanted);
-        let mut rungs: Vec<f64> = rungs.chain([1e3 * floor, 1e3 * wanted]).collect();
-        rungs.sort_by(f64::total_cmp);
-        rungs.dedup();
+        let rungs = std::iter::successors(Some(slowest), up).take_while(|rate| *rate < 1.3e3 * to);
+        let rungs: Vec<f64> = rungs.collect();
         let mut why = String::new();
         let of = self.shape;
         let runs = fastest(&rungs, |rate| {
