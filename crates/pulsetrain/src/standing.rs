@@ -158,7 +158,7 @@ pub fn listed(standings: &[Standing]) -> String {
 /// A position in steps as a quantity that can be typed, to a hundredth of a step.
 #[must_use]
 pub fn typed(steps: f64, scale: &Scale) -> String {
-    let decimals = (scale.steps_per_unit.log10().ceil().max(0.0) as usize + 2).min(15);
+    let decimals = (libm::log10(scale.steps_per_unit).ceil().max(0.0) as usize + 2).min(15);
     let text = format!("{:.decimals$}", steps / scale.steps_per_unit);
     let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     // "-0" is 0.
