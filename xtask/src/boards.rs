@@ -4,8 +4,8 @@
 use crate::command::{Done, cargo, command, run};
 
 /// All crates of the workspace but the command line and this one.
-const IN_A_BROWSER: [&str; 11] =
-    ["core", "emulator", "motion", "plan", "trace", "oracle", "board", "session", "bake", "plot", "testkit"];
+const IN_A_BROWSER: [&str; 12] =
+    ["core", "emulator", "motion", "plan", "trace", "oracle", "board", "session", "bake", "plot", "report", "testkit"];
 
 /// Checks that all crates but the command line build for wasm32.
 pub(crate) fn check_wasm() -> Done {

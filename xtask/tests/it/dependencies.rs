@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
 /// Each crate of ours, and the crates of ours that it may depend on. Tests and benches count, except [`IN_TESTS`].
-const MAY_KNOW: [(&str, &[&str]); 13] = [
+const MAY_KNOW: [(&str, &[&str]); 14] = [
     ("pulsetrain-core", &[]),
     ("pulsetrain-motion", &["pulsetrain-core"]),
     ("pulsetrain-plan", &["pulsetrain-core", "pulsetrain-motion"]),
@@ -29,6 +29,19 @@ const MAY_KNOW: [(&str, &[&str]); 13] = [
         ],
     ),
     ("pulsetrain-plot", &["pulsetrain-motion"]),
+    // What a page, Python and the command line share: it knows none of them.
+    (
+        "pulsetrain-report",
+        &[
+            "pulsetrain-board",
+            "pulsetrain-core",
+            "pulsetrain-motion",
+            "pulsetrain-plan",
+            "pulsetrain-plot",
+            "pulsetrain-session",
+            "pulsetrain-trace",
+        ],
+    ),
     (
         "pulsetrain",
         &[
@@ -38,6 +51,7 @@ const MAY_KNOW: [(&str, &[&str]); 13] = [
             "pulsetrain-motion",
             "pulsetrain-plan",
             "pulsetrain-plot",
+            "pulsetrain-report",
             "pulsetrain-session",
             "pulsetrain-trace",
         ],
