@@ -197,7 +197,7 @@ fn judged<B: Leased, W: Write>(
     let files = Files::new(&prepared.program, &driven.lines, open);
     let RecordedRun { ended, planned, recorded, judged_until_s } =
         record(prepared, proof, driven, Some(files), edges, options.commands, progress).map_err(
-            |error| match error {
+            |error| match *error {
                 Unfinished::Record(error) => RunError::Record(error),
                 Unfinished::Drive { error, planned, made, unwritten } => {
                     let plan = PlanReport::made(prepared, &planned, &made);
@@ -258,9 +258,9 @@ pub enum Unfinished {
     },
 }
 
-impl From<RecordError> for Unfinished {
-    fn from(error: RecordError) -> Unfinished {
-        Unfinished::Record(error)
+impl From<RecordError> for Box<Unfinished> {
+    fn from(error: RecordError) -> Box<Unfinished> {
+        Box::new(Unfinished::Record(error))
     }
 }
 
@@ -277,7 +277,7 @@ pub fn record<B: Leased, W: Write>(
     edges: &Edges,
     commands: Option<&Receiver<Command>>,
     progress: &mut impl Progress,
-) -> Result<RecordedRun, Unfinished> {
+) -> Result<RecordedRun, Box<Unfinished>> {
     let title = format!("{} on {}", file_name(&prepared.file), prepared.program.board.name);
     let drawn = Drawn::of(&prepared.program);
     let mut unopened = None;
@@ -285,7 +285,8 @@ pub fn record<B: Leased, W: Write>(
     let judged_until_s = Cell::new(None);
     let mut recorder = Recorder::new(&prepared.program, &drawn, &driven.lines, title, files, edges, &judged_until_s)?;
     if !proof.is_whole {
-        let before = |error| Unfinished::Drive { error, planned: Vec::new(), made: Vec::new(), unwritten: None };
+        let before =
+            |error| Box::new(Unfinished::Drive { error, planned: Vec::new(), made: Vec::new(), unwritten: None });
         driven = driven.proving(prepared, proof.until_s).map_err(before)?;
     }
     let mut now_s = 0.0;
@@ -308,7 +309,7 @@ pub fn record<B: Leased, W: Write>(
     match ended {
         Err(error) => {
             let (made, unwritten) = recorder.close();
-            Err(Unfinished::Drive { error, planned, made, unwritten: unopened.or(unwritten) })
+            Err(Box::new(Unfinished::Drive { error, planned, made, unwritten: unopened.or(unwritten) }))
         }
         Ok(ended) => {
             let recorded = recorder.finish(&planned, driven.lateness().unwrap_or_default())?;

@@ -358,8 +358,10 @@ pub(super) fn recorded(
     let mut bars = RunBars::new(prepared, None, console);
     match record(prepared, proof, driven, files, &Edges::default(), None, &mut bars) {
         Ok(run) => Ok(run.recorded),
-        Err(Unfinished::Record(error)) => Err(miette!("{error}")),
-        Err(Unfinished::Drive { error, .. }) => Err(drive_problem(error)),
+        Err(unfinished) => Err(match *unfinished {
+            Unfinished::Record(error) => miette!("{error}"),
+            Unfinished::Drive { error, .. } => drive_problem(error),
+        }),
     }
 }
 
