@@ -237,7 +237,7 @@ pub enum SketchError {
 
 /// At most six significant digits, without trailing zeros.
 fn number(value: f64) -> String {
-    let magnitude = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
+    let magnitude = if value == 0.0 { 0 } else { libm::log10(value.abs()).floor() as i32 };
     let places = usize::try_from(5 - magnitude).unwrap_or(0);
     let text = format!("{value:.places$}");
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }

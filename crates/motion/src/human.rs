@@ -1,5 +1,7 @@
 //! Numbers as people read them: three digits, units that fit, digits in groups.
 
+use crate::whole_power;
+
 /// `value` with `digits` significant digits, without trailing zeros, whole parts of five digits and more in groups of
 /// three: "0.41", "62.5", "12 566".
 #[must_use]
@@ -18,7 +20,7 @@ pub fn significant(value: f64, digits: usize) -> String {
         return scientific.strip_prefix('-').map_or_else(|| scientific.clone(), |rest| format!("−{rest}"));
     }
     let decimals = (digits as i32 - 1 - exponent).max(0) as usize;
-    let unit = 10f64.powi((exponent - digits as i32 + 1).max(0));
+    let unit = whole_power(10.0, (exponent - digits as i32 + 1).max(0));
     let text = format!("{:.decimals$}", (value / unit).round_ties_even() * unit);
     let text = if decimals > 0 { format!("{value:.decimals$}") } else { text };
     grouped(if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text })

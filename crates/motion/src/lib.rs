@@ -33,10 +33,11 @@
 //! - [`columns`]: CSV files, with columns by their names and units
 //! - [`law`]: θ(t) as a stream of analytic pieces; [`machine`]: several motors that draw one figure
 //! - [`human`]: numbers as people read them
-//! - [`quantity`]: numbers with units; [`time`]: law time, exact
+//! - [`quantity`]: numbers with units; [`time`]: law time, exact; [`whole_power`]: a power that is equal on all platforms
 //!
 //! # What is not
 //! Step times and segments (`pulsetrain-plan`), edges (`pulsetrain-trace`, `pulsetrain-board`).
+#![cfg_attr(test, allow(clippy::disallowed_methods, reason = "what tests compute may differ in the last digit"))]
 #![forbid(unsafe_code)]
 
 mod board;
@@ -52,6 +53,7 @@ pub mod law;
 pub mod machine;
 mod motor;
 pub mod pins;
+mod power;
 pub mod program;
 pub mod quantity;
 pub mod template;
@@ -59,4 +61,5 @@ pub mod time;
 
 pub use grid::Grid;
 pub use law::{Law, LawError};
+pub use power::whole_power;
 pub use time::Time;

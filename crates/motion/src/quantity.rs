@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-use crate::Time;
+use crate::{Time, whole_power};
 
 /// What a quantity measures, before any division by time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -546,7 +546,7 @@ fn find_unit(unit: &str) -> Option<KnownUnit> {
         .find_map(|&(suffix, power)| Some((time.strip_suffix(suffix)?, power)))
         .unwrap_or((time, 1));
     let &(_, _, n, d) = UNITS.iter().find(|row| row.1 == Base::Time && row.0 == time)?;
-    let per_s = (f64::from(n) / d as f64).powi(i32::from(per_seconds));
+    let per_s = whole_power(f64::from(n) / d as f64, i32::from(per_seconds));
     if amount == "rad" {
         return Some(radians(per_seconds, per_s));
     }
@@ -638,14 +638,14 @@ fn known_unit(unit: &str) -> Option<(f64, String)> {
         let name = part.trim_end_matches(|c: char| c.is_ascii_digit());
         let power = part[name.len()..].parse().unwrap_or(1);
         let (of_time, name) = renamed(name.trim_end_matches(['^', '*']).trim());
-        factor /= of_time.powi(power);
+        factor /= whole_power(of_time, power);
         powers.push((name, power));
     }
     // In the time that comes last; another one makes another number.
     if let Some((last, _)) = powers.last() {
         let seconds = |time: &str| find_unit(&format!("rev/{time}")).map(|unit| unit.per_s);
         for (time, power) in powers.iter().filter(|(time, _)| time != last) {
-            factor *= (seconds(last)? / seconds(time)?).powi(*power);
+            factor *= whole_power(seconds(last)? / seconds(time)?, *power);
         }
         let power: i32 = powers.iter().map(|(_, power)| power).sum();
         let text = if power == 1 { format!("{amount}/{last}") } else { format!("{amount}/{last}^{power}") };

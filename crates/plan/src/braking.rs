@@ -4,6 +4,7 @@ use crate::certificate::Certificate;
 use crate::error::PlanError;
 use pulsetrain_core::braking::{LARGEST_EXPONENT, Limit};
 use pulsetrain_motion::program::{Board, Limits};
+use pulsetrain_motion::whole_power;
 
 /// Without a limit for braking, a motor brakes so hard that it stops within this time, s.
 pub const SOFTEST_STOP_S: f64 = 1.0;
@@ -25,11 +26,11 @@ const ROUNDING: f64 = 1e-14;
 pub fn braking_limit(acceleration: f64, pull_in: f64, tick_hz: u64, fraction_bits: u32) -> Option<Limit> {
     let second = tick_hz as f64 * (1u64 << fraction_bits) as f64;
     let rest = second / (2.0 * acceleration).sqrt() * (1.0 + ROUNDING);
-    if !(1.0..2f64.powi(i32::from(LARGEST_EXPONENT) + 1)).contains(&rest) {
+    if !(1.0..libm::exp2(f64::from(LARGEST_EXPONENT) + 1.0)).contains(&rest) {
         return None;
     }
     let exponent = libm::ilogb(rest);
-    let mantissa = (rest / 2f64.powi(exponent - 7)).ceil();
+    let mantissa = (rest / libm::scalbn(1.0, exponent - 7)).ceil();
     let (mantissa, exponent) = if mantissa >= 256.0 { (128.0, exponent + 1) } else { (mantissa, exponent) };
     let level = 2.0 * libm::log2(rest * pull_in / second * (1.0 - ROUNDING));
     Limit::new(mantissa as u8, u8::try_from(exponent).ok()?, level.floor().clamp(0.0, 255.0) as u8)
@@ -39,7 +40,7 @@ pub fn braking_limit(acceleration: f64, pull_in: f64, tick_hz: u64, fraction_bit
 /// is less than one unit of the board's fraction. See [`pulsetrain_core::braking`].
 #[must_use]
 pub fn softest_braking(rate: f64, tick_hz: u64, fraction_bits: u32) -> f64 {
-    rate.powi(3) / (tick_hz as f64 * (1u64 << fraction_bits) as f64)
+    whole_power(rate, 3) / (tick_hz as f64 * (1u64 << fraction_bits) as f64)
 }
 
 /// How a board brings a motor to rest.

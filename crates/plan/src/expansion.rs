@@ -4,6 +4,7 @@
 //! Times are ticks from the run's origin; see [`Frame`].
 
 use pulsetrain_motion::law::{Bounds, Curve, Inverse, Jet};
+use pulsetrain_motion::whole_power;
 
 /// Relative error of one rounding.
 pub(crate) const ULP: f64 = f64::EPSILON / 2.0;
@@ -281,7 +282,7 @@ fn reverted_remainder(c: &Jet, q: &[f64; 8], eighth: f64, rounding: &Jet, reach:
     // The proof divides by the slowest speed between Q and the true time, so the hull must hold both.
     let slack = hull * 0.0625 + 0.25;
     let wide = hull + slack;
-    let power7 = wide.powi(7);
+    let power7 = whole_power(wide, 7);
     let bend: f64 = (2..8).rev().fold(0.0, |sum, k| (sum + k as f64 * c[k].abs()) * wide);
     let rate = c[1] - bend - 8.0 * eighth * power7;
     if rate <= 0.0 {

@@ -2,6 +2,7 @@
 
 use crate::expansion::{Expansion, ULP};
 use pulsetrain_core::Segment;
+use pulsetrain_motion::whole_power;
 
 /// The differences with which the next segment would continue, and the units in which the stream corrects them.
 #[derive(Clone, Copy, Debug)]
@@ -154,7 +155,7 @@ fn cubic(target: &Target<'_>, quantiser: &Quantiser, count: u32) -> Option<Segme
 fn zeros(target: &Target<'_>, m: f64) -> [f64; 3] {
     let start_error = -target.at(0.0);
     // The error of the best cubic is about this times T4.
-    let quartic = target.expansion.q[4] * 0.125 * (m * 0.5).powi(4);
+    let quartic = target.expansion.q[4] * 0.125 * whole_power(m * 0.5, 4);
     let share = (-start_error / (quartic + 1e-12f64.copysign(quartic))).clamp(-1.0, 1.0);
     // Where T4 takes the value `share` left of its first zero (a parabola through three points of it).
     let left = if share >= 0.0 { 0.0381 * (1.0 - share) } else { 0.0381 - 0.0381 * share + 0.0702 * share * share };

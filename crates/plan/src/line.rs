@@ -15,6 +15,7 @@ use crate::settings::Settings;
 use pulsetrain_core::wire::message::QUEUE_PARTS;
 use pulsetrain_motion::boards;
 use pulsetrain_motion::program::Program;
+use pulsetrain_motion::whole_power;
 use std::collections::VecDeque;
 
 /// A session sends a plan at most this far ahead of the board's time, ms.
@@ -288,7 +289,7 @@ impl Demand {
         items.push_back((from, meter.bytes()));
         meter.add(&beginning(next));
         for (number, (first, most)) in (0..).zip(most.iter_mut()) {
-            let ticks = (SHORTEST_MS * 1e-3 * LONGER.powi(number) * hz) as u64;
+            let ticks = (SHORTEST_MS * 1e-3 * whole_power(LONGER, number) * hz) as u64;
             while items[*first - *gone].0 + ticks < from {
                 *first += 1;
             }

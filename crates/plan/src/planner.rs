@@ -618,7 +618,7 @@ impl Planner {
         let acceleration = check(2, self.certificate.peak_acceleration, limits.max_acceleration)?;
         // A straight line through rounded rows bends by rounding errors alone, which are no acceleration.
         let theta = [from, to].map(|u| (piece.origin as f64 + piece.curve.value(u)).abs());
-        if acceleration.0 * (to - from).powi(2) > BEND_ROUNDINGS * ULP * theta[0].max(theta[1]) {
+        if acceleration.0 * ((to - from) * (to - from)) > BEND_ROUNDINGS * ULP * theta[0].max(theta[1]) {
             self.certificate.peak_acceleration = acceleration;
         }
         if let Some(limit) = limits.max_acceleration.filter(|l| acceleration.0 > l * (1.0 + LIMIT_SLACK)) {

@@ -5,6 +5,7 @@ use crate::fit::{Fit, Quantiser, SegmentStart, fit, single};
 use crate::stretch::Stretch;
 use pulsetrain_core::packing::unit_shift;
 use pulsetrain_core::{Direction, Segment};
+use pulsetrain_motion::whole_power;
 
 /// Steps in one direction along one stretch: step j (1..=count) is due when s = j.
 #[derive(Clone, Debug)]
@@ -428,7 +429,7 @@ impl RunPlanner {
                     }
                     // There is room left: try once to grow, by the fourth root of what the misfit allows.
                     if before.is_none() && f.misfit < 0.5 * allowance && count < most {
-                        let factor = (allowance * 0.93 / (f.misfit + 1e-9)).powf(0.25).min(1.5);
+                        let factor = (allowance * 0.93 / (f.misfit + 1e-9)).sqrt().sqrt().min(1.5);
                         let grown = self.permitted(((f64::from(count) * factor) as u32).min(most), previous, rules);
                         if grown > count {
                             before = Some((0.0, f64::from(count)));
@@ -536,11 +537,11 @@ fn shrinkage(misfit: f64, count: u32, allowance: f64, before: Option<(f64, f64)>
     let excess = misfit / (allowance * 0.98);
     let exponent = match before {
         Some((m, n)) if m.is_finite() && m > misfit => {
-            ((m / misfit).ln() / (n / f64::from(count)).ln()).clamp(1.0, 5.0)
+            (libm::log(m / misfit) / libm::log(n / f64::from(count))).clamp(1.0, 5.0)
         }
         _ => 4.0,
     };
-    (excess.powf(-1.0 / exponent) * 0.99).clamp(0.4, 0.97)
+    (libm::pow(excess, -1.0 / exponent) * 0.99).clamp(0.4, 0.97)
 }
 
 /// An estimate of the steps that one segment can take, from the quartic and quintic terms that a cubic cannot follow
@@ -549,8 +550,8 @@ fn estimated_length(e: &Expansion, start: &SegmentStart, quantiser: &Quantiser, 
     let q = e.q.map(f64::abs);
     let mut half = (from * 0.5).max(0.5);
     for _ in 0..3 {
-        let misfit =
-            (q[4] * 0.125 + (q[5] * 0.0625 + (q[6] * 0.03125 + q[7] * half * 0.0156) * half) * half) * half.powi(4);
+        let misfit = (q[4] * 0.125 + (q[5] * 0.0625 + (q[6] * 0.03125 + q[7] * half * 0.0156) * half) * half)
+            * whole_power(half, 4);
         let ratio = (allowance * 0.95 / (misfit + 1e-30)).min(256.0);
         half *= ratio.sqrt().sqrt();
     }
@@ -566,15 +567,16 @@ fn estimated_length(e: &Expansion, start: &SegmentStart, quantiser: &Quantiser, 
         let add2_error = (off - off.round()).abs() * add2_unit / quantiser.scale;
         let add_error = if e.q[2] == 0.0 && e.q[3] == 0.0 { 0.0 } else { 0.25 * add_unit / quantiser.scale };
         let h = count * 0.5;
-        let misfit = (q[4] * 0.125 + q[5] * h * 0.0625) * h.powi(4)
-            + add2_error * count.powi(3) / 104.0
+        let misfit = (q[4] * 0.125 + q[5] * h * 0.0625) * whole_power(h, 4)
+            + add2_error * whole_power(count, 3) / 104.0
             + add_error * count * count * 0.10
             + 0.3 * count * quantiser.units[0] / quantiser.scale;
         let ratio = allowance * 0.93 / misfit;
         if ratio > 0.97 {
             break;
         }
-        count *= ratio.powf(0.375);
+        // To the power 3/8.
+        count *= (ratio.sqrt() * ratio.sqrt().sqrt()).sqrt();
     }
     count.floor().max(4.0)
 }

@@ -69,7 +69,7 @@ impl Settings {
     /// The gain of the packed stream: coarser units where the tolerance leaves room for them.
     #[must_use]
     pub fn gain(&self) -> Option<i8> {
-        let room = ((self.tolerance_ticks - 0.5) / 0.5).log2().round();
+        let room = libm::log2((self.tolerance_ticks - 0.5) / 0.5).round();
         self.packed.then_some(-(room.clamp(-60.0, 60.0) as i8))
     }
 }

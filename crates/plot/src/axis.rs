@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 
-use pulsetrain_motion::human;
+use pulsetrain_motion::{human, whole_power};
 
 /// A range of numbers from `low` to `high`, which differ. Both are positive if `log`.
 #[derive(Clone, Debug)]
@@ -34,13 +34,13 @@ impl Axis {
 
     /// A logarithmic axis around `range`, which is positive.
     pub(super) fn logarithmic((low, high): (f64, f64), labels: Labels) -> Axis {
-        let margin = (high / low).powf(0.04).max(1.05);
+        let margin = libm::pow(high / low, 0.04).max(1.05);
         Axis { low: low / margin, high: high * margin, log: true, labels }
     }
 
     fn linear_ticks(&self, most: usize) -> Vec<f64> {
         let rough = (self.high - self.low) / most.max(1) as f64;
-        let decade = 10f64.powf(rough.log10().floor());
+        let decade = libm::exp10(libm::log10(rough).floor());
         // A step of 1, 2, 5 or 10 decades: the last one is always large enough.
         let step = [1.0, 2.0, 5.0].iter().map(|m| m * decade).find(|step| *step >= rough).unwrap_or(10.0 * decade);
         let (first, last) = ((self.low / step).ceil() as i64, (self.high / step).floor() as i64);
@@ -48,12 +48,12 @@ impl Axis {
     }
 
     fn log_ticks(&self, most: usize) -> Vec<f64> {
-        let decades = self.low.log10().floor() as i32..=self.high.log10().ceil() as i32;
+        let decades = libm::log10(self.low).floor() as i32..=libm::log10(self.high).ceil() as i32;
         let ticks = |mantissas: &[f64], every: usize| -> Vec<f64> {
             decades
                 .clone()
                 .step_by(every)
-                .flat_map(|decade| mantissas.iter().map(move |m| m * 10f64.powi(decade)))
+                .flat_map(|decade| mantissas.iter().map(move |m| m * whole_power(10.0, decade)))
                 .filter(|tick| (self.low..=self.high).contains(tick))
                 .collect()
         };
@@ -71,7 +71,7 @@ impl Ranged for Axis {
 
     fn map(&self, value: &f64, (from, to): (i32, i32)) -> i32 {
         let part = if self.log {
-            (value / self.low).ln() / (self.high / self.low).ln()
+            libm::log(value / self.low) / libm::log(self.high / self.low)
         } else {
             (value - self.low) / (self.high - self.low)
         };

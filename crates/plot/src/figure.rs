@@ -42,8 +42,8 @@ impl FigurePicture {
         if !self.in_space {
             return (x, y);
         }
-        let (sin, cos) = TURNED_DEG.to_radians().sin_cos();
-        let (rise, fall) = FROM_ABOVE_DEG.to_radians().sin_cos();
+        let (sin, cos) = libm::sincos(TURNED_DEG.to_radians());
+        let (rise, fall) = libm::sincos(FROM_ABOVE_DEG.to_radians());
         // The picture's x axis is at a right angle to the line of sight. Points that are farther away are drawn higher.
         (cos * x - sin * y, fall * z + rise * (sin * x + cos * y))
     }
@@ -171,7 +171,7 @@ impl Box3 {
 
     /// Writes a coordinate as a label, rounded to a thousandth of the longest side.
     fn number(&self, coordinate: f64) -> String {
-        let unit = 10_f64.powf((self.longest() / 1000.0).max(f64::MIN_POSITIVE).log10().ceil());
+        let unit = libm::exp10(libm::log10((self.longest() / 1000.0).max(f64::MIN_POSITIVE)).ceil());
         // Adding 0 turns −0 into 0.
         human::significant((coordinate / unit).round() * unit + 0.0, 6)
     }

@@ -4,13 +4,13 @@ use std::ffi::OsString;
 use std::io::Write;
 
 use clap::{Parser, Subcommand};
-use miette::{GraphicalReportHandler, GraphicalTheme, JSONReportHandler};
+use miette::{GraphicalReportHandler, GraphicalTheme};
 
 use crate::arguments::{At, Table};
 use crate::commands;
 use crate::commands::problems::RunStopped;
-use crate::consent::LongMotion;
 use crate::console::{Console, Exit};
+use crate::diagnostic::as_report;
 
 const EXIT_CODES: &str = "\
 Exit codes:
@@ -238,13 +238,12 @@ fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
 
 fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_>) -> Exit {
     outcome.unwrap_or_else(|report| {
-        let mut text = String::new();
         let stopped = report.downcast_ref::<RunStopped>();
         // A script reads standard output. If its reader has closed the pipe, there is nobody left to show the error to.
         if let (true, Some(RunStopped { report, .. })) = (as_json, stopped) {
             let _ = console.print_json(report);
-        } else if as_json && JSONReportHandler::new().render_report(&mut text, report.as_ref()).is_ok() {
-            let _ = console.print(format_args!("{}\n", with_estimate(text, &report)));
+        } else if as_json {
+            let _ = console.print_json(&as_report(&report));
         }
         let theme = if console.err_is_terminal { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
         let mut text = String::new();
@@ -257,18 +256,6 @@ fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_
         complain(console, &text.replace("\nError: \n", "\n").replace("\nAdvice: \n", "\n"));
         if stopped.is_some() { Exit::Stopped } else { Exit::Refused }
     })
-}
-
-/// A report as JSON. The report of a long motion contains its estimate, too.
-fn with_estimate(text: String, report: &miette::Report) -> String {
-    let estimate = report.downcast_ref::<LongMotion>().and_then(|long| serde_json::to_value(long.estimate()).ok());
-    match (serde_json::from_str::<serde_json::Value>(&text), estimate) {
-        (Ok(serde_json::Value::Object(mut said)), Some(estimate)) => {
-            said.insert("estimate".to_owned(), estimate);
-            serde_json::Value::Object(said).to_string()
-        }
-        _ => text,
-    }
 }
 
 /// If the errors' own stream is closed, the exit code is the only sign of the error.

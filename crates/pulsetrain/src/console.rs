@@ -1,7 +1,6 @@
 //! Where a command prints, and how it ends.
 
 use pulsetrain_motion::human;
-use pulsetrain_session::prepare::Prepared;
 use std::fmt::Display;
 use std::io::{self, BufRead, IsTerminal, Write};
 use std::path::Path;
@@ -143,11 +142,11 @@ impl Console<'_> {
         Progress { bar, length }
     }
 
-    /// A progress bar for the run of a motion; the time that has passed if the motion has no end.
+    /// A progress bar for the run of a motion that ends then, s; the time that has passed if the motion has no end.
     #[must_use]
-    pub fn run_progress(&self, prepared: &Prepared) -> Progress {
-        if !prepared.is_endless() {
-            return self.progress(prepared.end_s(), &human::seconds_to(prepared.end_s(), 6));
+    pub fn run_progress(&self, end_s: Option<f64>) -> Progress {
+        if let Some(end_s) = end_s {
+            return self.progress(end_s, &human::seconds_to(end_s, 6));
         }
         if !self.err_is_terminal {
             return Progress { bar: ProgressBar::hidden(), length: f64::INFINITY };
@@ -216,7 +215,7 @@ impl Drop for Progress {
 /// # Errors
 /// When the value has no JSON form.
 pub fn json(value: &impl serde::Serialize) -> miette::Result<String> {
-    serde_json::to_string_pretty(value).map_err(|error| miette::miette!("cannot write JSON: {error}"))
+    pulsetrain_report::json(value).map_err(|error| miette::miette!("cannot write JSON: {error}"))
 }
 
 /// Reads a file.
@@ -250,10 +249,12 @@ fn make_folder_of(path: &Path) -> io::Result<()> {
 /// # Errors
 /// When it cannot be made.
 pub fn create(path: &Path) -> Result<io::BufWriter<std::fs::File>, Access> {
-    make_folder_of(path)
-        .and_then(|()| std::fs::File::create(path))
-        .map(io::BufWriter::new)
-        .map_err(|error| access("write", path, error))
+    open(path).map_err(|error| access("write", path, error))
+}
+
+/// As [`create`], with the system's error.
+pub(crate) fn open(path: &Path) -> io::Result<io::BufWriter<std::fs::File>> {
+    make_folder_of(path).and_then(|()| std::fs::File::create(path)).map(io::BufWriter::new)
 }
 
 /// An [`Access`] error of a file.

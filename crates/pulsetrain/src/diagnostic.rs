@@ -5,10 +5,15 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use miette::{Diagnostic, LabeledSpan, MietteError, MietteSpanContents, Report, SourceCode, SourceSpan, SpanContents};
+use miette::{
+    Diagnostic, LabeledSpan, MietteError, MietteSpanContents, Report, Severity, SourceCode, SourceSpan, SpanContents,
+};
 use pulsetrain_motion::file::{FileError, Problem, Source};
+use pulsetrain_report::error::{ByteSpan, ErrorReport, PlaceReport};
 use pulsetrain_session::drive::DriveError;
 use pulsetrain_session::prepare::Refusal;
+
+use crate::consent::LongMotion;
 
 /// A library error that may have advice.
 pub trait Advice: Error + Send + Sync + 'static {
@@ -51,6 +56,56 @@ impl<E: Error> Error for Advised<E> {
 impl<E: Advice> Diagnostic for Advised<E> {
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
         self.0.advice().map(|advice| Box::new(advice) as Box<dyn fmt::Display>)
+    }
+}
+
+/// An error as JSON has it. That of a long motion has its estimate, too.
+#[must_use]
+pub fn as_report(error: &Report) -> ErrorReport {
+    match error.downcast_ref::<WrongFile>() {
+        Some(wrong) => ErrorReport::from(wrong.error()),
+        None => ErrorReport {
+            estimate: error.downcast_ref::<LongMotion>().map(|long| *long.estimate()),
+            ..report_of(error.as_ref(), None)
+        },
+    }
+}
+
+fn report_of(diagnostic: &dyn Diagnostic, source_of_all: Option<&dyn SourceCode>) -> ErrorReport {
+    let source = diagnostic.source_code().or(source_of_all);
+    let place = |label: LabeledSpan| {
+        let text = |from: usize, length: usize| {
+            let contents = source?.read_span(&(from, length).into(), 0, 0).ok()?;
+            Some((contents.name().map(str::to_owned), String::from_utf8_lossy(contents.data()).into_owned()))
+        };
+        let (offset, length) = (label.offset(), label.len());
+        let ((_, before), (name, marked)) = (text(0, offset)?, text(offset, length)?);
+        let line = before.rsplit('\n').next().unwrap_or_default();
+        let place = PlaceReport {
+            label: label.label().map(str::to_owned),
+            line: before.matches('\n').count() + 1,
+            column: line.chars().count() + 1,
+            length: marked.chars().count(),
+            span: ByteSpan { offset, length },
+        };
+        Some((name, place))
+    };
+    let (names, places): (Vec<_>, Vec<_>) = diagnostic.labels().into_iter().flatten().filter_map(place).unzip();
+    let causes = std::iter::successors(diagnostic.source(), |cause| (*cause).source());
+    let report = ErrorReport {
+        severity: match diagnostic.severity() {
+            Some(Severity::Advice) => "advice",
+            Some(Severity::Warning) => "warning",
+            Some(Severity::Error) | None => "error",
+        },
+        causes: causes.map(ToString::to_string).collect(),
+        help: diagnostic.help().map(|help| help.to_string()),
+        related: diagnostic.related().into_iter().flatten().map(|other| report_of(other, source)).collect(),
+        ..ErrorReport::new(diagnostic.to_string())
+    };
+    match names.into_iter().next().flatten() {
+        Some(file) => report.at(&file, places),
+        None => report,
     }
 }
 
@@ -292,6 +347,16 @@ mod tests {
             miette::GraphicalReportHandler::new_themed(miette::GraphicalTheme::unicode_nocolor()).with_width(80);
         handler.render_report(&mut report, &WrongFile::from(error)).unwrap();
         report
+    }
+
+    #[test]
+    fn a_wrong_file_has_the_same_json_by_both_ways() {
+        let text = "board = \"unö\"\nkey = 1\n";
+        let error = file::read(text, "my.toml", &|_: &std::path::Path| Err(std::io::ErrorKind::NotFound.into()));
+        let error = Report::from(WrongFile::from(error.unwrap_err()));
+        let [own, general] = [as_report(&error), report_of(error.as_ref(), None)].map(|report| format!("{report:#?}"));
+        assert_eq!(own, general);
+        assert!(own.contains("my.toml"), "{own}");
     }
 
     #[test]

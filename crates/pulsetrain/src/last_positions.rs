@@ -11,7 +11,7 @@ use std::thread::JoinHandle;
 use pulsetrain_motion::program::Program;
 use serde::{Deserialize, Serialize};
 
-use crate::standing;
+use pulsetrain_report::positions;
 
 #[derive(Debug, Serialize, Deserialize)]
 struct LastPositions {
@@ -94,7 +94,7 @@ impl LastPositions {
         let motors = program.motors.iter().zip(counts).map(|(motor, count)| LastPosition {
             name: motor.name.clone(),
             count: *count,
-            steps: standing::start(motor) + *count as f64,
+            steps: positions::start(motor) + *count as f64,
         });
         LastPositions { clock, motors: motors.collect(), goes_on: false, rests: true }
     }

@@ -6,10 +6,11 @@ use serde_json::{Map, Value, json};
 use crate::commands::{
     bake, bench, boards, calibrate, drivers, explain, flash, formula, info, motor, on_port, ports, stop, store, verify,
 };
-use crate::report::{PlanReport, RunReport, StoppedReport};
 use crate::winch::run::WinchReport;
+use pulsetrain_report::error::ErrorReport;
+use pulsetrain_report::plan_report::PlanReport;
+use pulsetrain_report::run_report::{RunReport, StoppedReport};
 use pulsetrain_session::control::Event;
-use pulsetrain_session::estimate::Estimate;
 use pulsetrain_trace::verdict::FilmReport;
 
 /// The schemas, by command. `run` also describes report.json; `error` is what any command prints with `--json` if it is refused.
@@ -70,7 +71,7 @@ pub fn all() -> Vec<(&'static str, Value)> {
                 schemas.add::<bake::BakedSketch>();
             }),
         ),
-        ("error", error()),
+        ("error", one::<ErrorReport>("What a command prints with `--json` if it is refused (exit code 2)")),
     ]
 }
 
@@ -116,48 +117,6 @@ fn one<T: JsonSchema>(about: &str) -> Value {
     schemas.finish(about, |found| match found.into_iter().next() {
         Some(Value::Object(schema)) => schema,
         _ => Map::new(),
-    })
-}
-
-/// What every command prints with `--json` where it is refused: miette's JSON.
-fn error() -> Value {
-    let estimate = {
-        let mut schemas = Schemas::new();
-        schemas.add::<Estimate>();
-        schemas.finish("", |found| Map::from_iter([("anyOf".to_owned(), Value::Array(found))]))
-    };
-    let place = json!({
-        "type": "object",
-        "properties": { "offset": { "type": "integer" }, "length": { "type": "integer" } },
-        "required": ["offset", "length"],
-    });
-    json!({
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "description": "What a command prints with `--json` if it is refused (exit code 2)",
-        "type": "object",
-        "properties": {
-            "message": { "type": "string", "description": "What is wrong." },
-            "severity": { "type": "string" },
-            "code": { "type": "string" },
-            "url": { "type": "string" },
-            "causes": { "type": "array", "items": { "type": "string" } },
-            "help": { "type": "string", "description": "What to do." },
-            "filename": { "type": "string", "description": "The file with the mistake. Empty if it is in no file." },
-            "labels": {
-                "type": "array",
-                "description": "Its places, in bytes from the file's beginning.",
-                "items": {
-                    "type": "object",
-                    "properties": { "label": { "type": "string" }, "span": place },
-                    "required": ["span"],
-                },
-            },
-            "related": { "type": "array", "items": { "$ref": "#" }, "description": "More mistakes of the same file." },
-            "estimate": { "$ref": "#/$defs/Estimate", "description": "How long a motion is that was not begun without --yes." },
-        },
-        "required": ["message", "severity", "causes", "labels", "related"],
-        "additionalProperties": false,
-        "$defs": estimate["$defs"],
     })
 }
 

@@ -159,7 +159,7 @@ pub(crate) fn moves_in(budget_s: f64, prepared: &Prepared) -> u32 {
 /// About how many segments the plan of a law has.
 fn segments_of(workload: Workload) -> f64 {
     let steps_of_piece = workload.steps / workload.pieces.max(1.0);
-    workload.pieces * steps_of_piece.min(SEGMENTS_PER_DECADE * (1.0 + steps_of_piece).log10())
+    workload.pieces * steps_of_piece.min(SEGMENTS_PER_DECADE * libm::log10(1.0 + steps_of_piece))
 }
 
 /// About how many bytes of steps.csv and trace.vcd a step takes.

@@ -15,7 +15,7 @@ use pulsetrain_motion::law::{ArmPath, Cursor, Ease, Joint, PathPair, Sample, Ste
 use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::time::Rate;
-use pulsetrain_motion::{Law, LawError, Time};
+use pulsetrain_motion::{Law, LawError, Time, whole_power};
 use pulsetrain_plan::{SOFTEST_STOP_S, Settings};
 use std::sync::Arc;
 
@@ -735,7 +735,7 @@ impl FadeSample {
     /// The tip's speed and acceleration, from those of its axes.
     fn along(axes: &[FadeSample]) -> FadeSample {
         let sum = |of: fn(&FadeSample) -> [f64; 2]| {
-            [0, 1].map(|k| axes.iter().map(|axis| of(axis)[k].powi(2)).sum::<f64>().sqrt())
+            [0, 1].map(|k| axes.iter().map(|axis| whole_power(of(axis)[k], 2)).sum::<f64>().sqrt())
         };
         FadeSample { needed: sum(|axis| axis.needed), old: sum(|axis| axis.old), new: sum(|axis| axis.new) }
     }

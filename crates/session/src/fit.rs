@@ -128,7 +128,7 @@ fn least(fits: impl Fn(f64) -> Option<bool>) -> Option<f64> {
 /// Rounded up to three significant digits; `value` is positive.
 #[must_use]
 pub fn rounded_up(value: f64) -> f64 {
-    let unit = 10f64.powf(value.log10().floor() - 2.0);
+    let unit = libm::exp10(libm::log10(value).floor() - 2.0);
     (value / unit).ceil() * unit
 }
 

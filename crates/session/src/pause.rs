@@ -7,7 +7,7 @@ use pulsetrain_motion::law::{Begin, Cursor, Ease};
 use pulsetrain_motion::machine::{Kinematics, Machine};
 use pulsetrain_motion::program::{Motor, Program};
 use pulsetrain_motion::time::Rate;
-use pulsetrain_motion::{Law, LawError, Time};
+use pulsetrain_motion::{Law, LawError, Time, whole_power};
 use pulsetrain_plan::{PlanError, SOFTEST_STOP_S, Settings};
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -367,8 +367,8 @@ fn tip_peaks(axes: &[(Law, f64)], from: Time) -> Result<[f64; 2], LawError> {
             let mut sums = [0.0; 2];
             for (cursor, scale) in &mut cursors {
                 let sample = cursor.at(at)?;
-                sums[0] += (sample.speed * *scale).powi(2);
-                sums[1] += (sample.acceleration * *scale).powi(2);
+                sums[0] += whole_power(sample.speed * *scale, 2);
+                sums[1] += whole_power(sample.acceleration * *scale, 2);
             }
             squares = [squares[0].max(sums[0]), squares[1].max(sums[1])];
         }

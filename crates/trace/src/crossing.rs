@@ -6,7 +6,7 @@
 //! crossings.
 
 use pulsetrain_motion::law::{Jet, Piece, Pieces};
-use pulsetrain_motion::{Grid, Law, LawError, Time};
+use pulsetrain_motion::{Grid, Law, LawError, Time, whole_power};
 
 /// Distance before a level, steps, at which θ may turn, rest or end and still count as touching the level or not. f64
 /// cannot always decide.
@@ -280,11 +280,11 @@ impl Crossings {
             let centre = self.reached + half;
             let jet = piece.curve.jet(centre);
             let bounds = piece.curve.bounds(self.reached, to);
-            let tail = bounds.eighth * half.powi(8);
+            let tail = bounds.eighth * whole_power(half, 8);
             let travel = polynomial(&jet.map(f64::abs), half) - jet[0].abs();
             let good_tail = 2.0 * bounds.rounding[0] + 1e-13;
             if !(tail <= good_tail && travel <= TRAVEL) && width > tiny {
-                let shrink = (good_tail / tail).powf(0.125);
+                let shrink = (good_tail / tail).sqrt().sqrt().sqrt();
                 width *= if shrink.is_nan() { 0.5 } else { shrink.clamp(0.125, 0.75) };
                 continue;
             }
@@ -322,7 +322,7 @@ impl Window {
         let half = 0.5 * (to - from);
         let about = shifted(&self.jet, 0.5 * (from + to));
         let spread = |order: usize| -> f64 {
-            (order + 1..8).map(|k| falling(k, order) * about[k].abs() * half.powi((k - order) as i32)).sum()
+            (order + 1..8).map(|k| falling(k, order) * about[k].abs() * whole_power(half, (k - order) as i32)).sum()
         };
         if about[1].abs() > spread(1) || spread(0) <= self.noise || depth > 40 {
             out.push(self.stretch(from, to));

@@ -4,6 +4,7 @@
 //! Update".
 
 use pulsetrain_motion::columns::{CsvTable, Header, Row, Stated, TIME, shown};
+use pulsetrain_motion::whole_power;
 
 use crate::levels::{Levels, level};
 use crate::{ReadError, Trace};
@@ -89,7 +90,7 @@ fn time_ns(row: &Row<'_>, column: usize, digits: usize) -> Result<i64, ReadError
         format!("{whole}{kept}").parse::<i64>().ok().and_then(|ns| ns.checked_add(round_up))
     } else {
         // A number with an exponent, such as 1e-05.
-        let ns = row.number(column, expected)?.abs() * 10_f64.powi(digits as i32);
+        let ns = row.number(column, expected)?.abs() * whole_power(10.0, digits as i32);
         (ns < 9e18).then(|| ns.round() as i64)
     };
     let magnitude = magnitude.ok_or_else(|| row.error(column, expected))?;

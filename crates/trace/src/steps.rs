@@ -93,7 +93,7 @@ pub fn row_bytes(motor: &str, tick_hz: u64, at_s: f64) -> f64 {
     let ticks = (at_s * tick_hz as f64).max(1.0);
     // An odd tick, whose time has as many decimals as any.
     let time = time_s(ticks as u64 | 1, tick_hz).to_string().len();
-    quoted(motor).len() as f64 + time as f64 + ticks.log10().ceil() + POSITION + MARKS
+    quoted(motor).len() as f64 + time as f64 + libm::log10(ticks).ceil() + POSITION + MARKS
 }
 
 /// A tick's time, s.

@@ -59,7 +59,7 @@ fn timescale(tick_hz: u64) -> (u32, TimescaleUnit, u64) {
 pub fn edge_bytes(tick_hz: u64, at_s: f64) -> f64 {
     // A "#", the time and a line end; then a level, the line's code and a line end.
     let (_, _, units_hz) = timescale(tick_hz.max(1));
-    5.0 + (at_s * units_hz as f64).max(1.0).log10().ceil()
+    5.0 + libm::log10((at_s * units_hz as f64).max(1.0)).ceil()
 }
 
 impl<W: Write> EdgeWriter<W> {

@@ -29,6 +29,19 @@ const MAY_KNOW: [(&str, &[&str]); 14] = [
         ],
     ),
     ("pulsetrain-plot", &["pulsetrain-motion"]),
+    // What a page, Python and the command line share: it knows none of them.
+    (
+        "pulsetrain-report",
+        &[
+            "pulsetrain-board",
+            "pulsetrain-core",
+            "pulsetrain-motion",
+            "pulsetrain-plan",
+            "pulsetrain-plot",
+            "pulsetrain-session",
+            "pulsetrain-trace",
+        ],
+    ),
     (
         "pulsetrain",
         &[
@@ -38,6 +51,7 @@ const MAY_KNOW: [(&str, &[&str]); 14] = [
             "pulsetrain-motion",
             "pulsetrain-plan",
             "pulsetrain-plot",
+            "pulsetrain-report",
             "pulsetrain-session",
             "pulsetrain-trace",
         ],

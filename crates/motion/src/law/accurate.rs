@@ -1,6 +1,7 @@
 //! Numbers of 106 bits, each with a bound on its error: for places where a law moves by less than f64 resolves.
 
 use super::double::{Double, ULP};
+use crate::whole_power;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 /// A number, and a bound on what rounding has put it off by; what is undefined is not a number.
@@ -141,7 +142,7 @@ impl Accurate {
         // sin(first + d) = x: d = m + tan/2·m² + …, m being what is missing over the cosine.
         let m = (self.value - sin) / cos;
         let value = first + m + sin / cos * m * m * Double::from(0.5);
-        let cut = m.hi.abs().powi(3) * (1.0 + 3.0 / (cos.hi * cos.hi));
+        let cut = whole_power(m.hi.abs(), 3) * (1.0 + 3.0 / (cos.hi * cos.hi));
         Accurate::function(value, self.error / root + cut, 1.0 + 4.0 / cos.hi.abs())
     }
 

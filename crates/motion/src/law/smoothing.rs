@@ -6,7 +6,7 @@
 //! linear equations that tie each knot to its two neighbours, and it has a continuous acceleration by itself.
 
 use super::{Law, TableLaw};
-use crate::Time;
+use crate::{Time, whole_power};
 
 /// The frequency at which the gain is −3 dB, Hz, times the smoothing time, s.
 pub const CUT_OFF: f64 = 0.5;
@@ -157,7 +157,7 @@ fn bending(h: f64, stiffness: f64) -> [Matrix; 3] {
 /// is much larger than another.
 fn solve(points: &[(f64, f64)], over_s: f64) -> Vec<Point> {
     // 1/(1 + λω⁴) is 1/√2 at ω = 2π·CUT_OFF/over.
-    let stiffness = (std::f64::consts::SQRT_2 - 1.0) / (std::f64::consts::TAU * CUT_OFF).powi(4);
+    let stiffness = (std::f64::consts::SQRT_2 - 1.0) / whole_power(std::f64::consts::TAU * CUT_OFF, 4);
     let last = points.len() - 1;
     let length = |k: usize| (points[k + 1].0 - points[k].0) / over_s;
     // Relative to the first position, so that nothing is lost of a small motion far away.

@@ -2,7 +2,7 @@
 
 use super::formula::Formula;
 use super::{Law, Piece};
-use crate::Time;
+use crate::{Time, whole_power};
 use std::sync::Arc;
 
 /// An estimate of a law's steps and pieces. A law that repeats is looked at for one period, a formula for its first pieces and at places all
@@ -114,7 +114,7 @@ impl Law {
         let (mut seen, first) = self.in_first_pieces(until, pieces, |piece, until| piece.way_by_speed(until, looks));
         let left_s = (until - first).seconds();
         // The first spans are the shortest: what begins a motion is often soon over. Ends at round times would meet its branches and periods.
-        let at = |k: f64| first + Time::from_seconds(left_s * (k / f64::from(places)).powi(2));
+        let at = |k: f64| first + Time::from_seconds(left_s * whole_power(k / f64::from(places), 2));
         for k in (0..places).map(f64::from) {
             let (from, place, to) = (at(k), at(k + 0.48), at(k + 1.0).min(until));
             let Some(Ok(piece)) = formula.windows_at(place).next().filter(|_| place < to) else { continue };

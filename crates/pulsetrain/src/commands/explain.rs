@@ -19,6 +19,7 @@ use super::plan;
 use crate::console::{Console, Exit};
 use crate::diagnostic::{WrongFile, advised};
 use pulsetrain_motion::human::{self, Table};
+use pulsetrain_report::plan_report::PlanReport;
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::fit;
 use pulsetrain_session::plans::Planned;
@@ -191,7 +192,7 @@ pub(crate) fn run(args: &ExplainArgs, console: &mut Console<'_>) -> miette::Resu
                 .zip(&planned)
                 .map(|(motor, planned)| margins(&prepared, motor, planned))
                 .collect();
-            Some(plan::report(&prepared, &planned))
+            Some(PlanReport::new(&prepared, &planned))
         }
         Err(Refusal::Plan { motor, error, advice, .. }) => {
             if let Some(motor) = program.motors.iter().find(|candidate| candidate.name == motor) {

@@ -10,20 +10,16 @@ use pulsetrain_motion::law::{Begin, Cursor, End, formula_functions};
 use pulsetrain_motion::quantity::Quantity;
 use pulsetrain_motion::{Law, LawError, Time, file};
 use pulsetrain_plan::{Ensemble, Move, PlanError};
-use pulsetrain_session::Proof;
 use pulsetrain_session::drive::Driven;
-use pulsetrain_session::lateness::Edges;
 use pulsetrain_session::prepare::{Prepared, Refusal};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::problems::drive_problem;
 use super::run;
 use crate::arguments;
-use crate::console::{Access, Console, Exit};
+use crate::console::{Console, Exit};
 use crate::diagnostic::{WrongFile, advised};
-use crate::record::Files;
-use crate::report::{ParameterReport, Peak};
+use pulsetrain_report::plan_report::{ParameterReport, Peak};
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
@@ -299,10 +295,7 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
     let planned = planned.map_err(advised)?;
     if let Some(path) = &args.plot {
         let driven = Driven::native(&prepared).map_err(advised)?;
-        let files = None::<Result<Files<std::io::Sink>, Access>>;
-        let proof = Proof { planned, is_whole: true, until_s: f64::INFINITY };
-        let ran = run::record(&prepared, proof, driven, files, Edges::default(), None, console)?;
-        run::draw(&ran.map_err(|failed| drive_problem(failed.error))?.recorded.picture, path)?;
+        run::draw(&run::recorded(&prepared, planned, driven, console)?.picture, path)?;
         if !args.json {
             console.print(format_args!("{}\n", path.display()))?;
         }

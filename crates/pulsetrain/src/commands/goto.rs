@@ -11,6 +11,7 @@ use pulsetrain_motion::program::{Limits, Motor, PositionUnits, Program};
 use pulsetrain_motion::quantity::{Quantity, nearest};
 use pulsetrain_motion::{Law, LawError, Time, human};
 use pulsetrain_plan::Settings;
+use pulsetrain_report::positions::{START, check_range, example_position, start, typed};
 use pulsetrain_session::drive::{DriveError, session_number};
 use pulsetrain_session::prepare::Prepared;
 
@@ -18,7 +19,7 @@ use super::problems::{drive_problem, port_problem, taken_by_run};
 use super::run::{HowToRun, perform};
 use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
-use crate::standing::{START, check_range, example_position, quoted, start, typed};
+use crate::way_back::quoted;
 use crate::{arguments, last_positions, load};
 
 #[derive(Args, Debug)]

@@ -41,10 +41,11 @@ use crate::midi::{self, MidiError};
 use crate::osc::{OscSettings, listen_address, serve_osc};
 use crate::page::{self, PageOptions};
 use crate::serve::RealTime;
-use crate::standing::{quoted, standings, start, typed, way_back};
+use crate::way_back::{quoted, way_back};
 use crate::{arguments, interrupt, last_positions, load};
 use port::{Found, LOOK_AGAIN, LiveBeginning, LiveBoard, NoPort, OnPort, is_unplugged};
 use pulsetrain_motion::file::Live;
+use pulsetrain_report::positions::{motor_positions, start, typed};
 
 mod port;
 
@@ -293,7 +294,7 @@ fn print_end(
     ended: &Ended,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
-    let motors = standings(program, &ended.counted, ended.uncertain.as_deref().unwrap_or_default());
+    let motors = motor_positions(program, &ended.counted, ended.uncertain.as_deref().unwrap_or_default());
     let each: Vec<String> = motors.iter().map(ToString::to_string).collect();
     console.print(format_args!("stopped: {}\n", each.join("; ")))?;
     let board = args.board.as_ref().map(|board| format!(" --board {board}"));
@@ -516,7 +517,7 @@ impl Parts {
         let end = match &ended {
             Ok(Some(ended)) => {
                 let uncertain = ended.uncertain.as_deref().unwrap_or_default();
-                let motors = standings(&self.program, &ended.counted, uncertain);
+                let motors = motor_positions(&self.program, &ended.counted, uncertain);
                 RunEnded { ended: Ending::Stopped, why: None, motors, way_back: None, moved: true }
             }
             Ok(None) => RunEnded::failed("stopped before it began".to_owned()),

@@ -14,17 +14,17 @@ use pulsetrain_trace::steps;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::plan;
 use super::problems::{clock_off, drive_problem, port_problem, run_problem};
 use super::rehearsal::Rehearsal;
 use super::run::{HowToRun, run_end, stopped_before_begin};
 use crate::console::{self, Console, Exit, access};
 use crate::control_socket::{Control, RunEnded};
-use crate::made::Made;
-use crate::report::{Column, PlanReport, pass_or_fail, summary};
-use crate::standing::Standing;
 use crate::{interrupt, last_positions};
 use pulsetrain_motion::human;
+use pulsetrain_report::plan_report::{Column, PlanReport, summary};
+use pulsetrain_report::positions::MotorPosition;
+use pulsetrain_report::recorded_steps::RecordedSteps;
+use pulsetrain_report::run_report::{StoppedReport, pass_or_fail};
 use pulsetrain_session::Proof;
 use pulsetrain_session::control::{Ended, Event};
 use pulsetrain_session::drive::{Driven, connect_while};
@@ -54,7 +54,7 @@ pub(crate) struct PortReport {
     says: BoardReport,
     /// Where the motors are, if the motion was stopped on its way.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    stand: Vec<Standing>,
+    stand: Vec<MotorPosition>,
     /// The command that brings them back to the motion's start.
     #[serde(skip_serializing_if = "Option::is_none")]
     way_back: Option<String>,
@@ -165,8 +165,8 @@ pub(super) fn run(
         driven = driven.proving(prepared, proof.until_s).map_err(drive_problem)?;
     }
     let firmware = human::version(driven.board_mut().info().firmware);
-    let mut scheduled = Scheduled { writer, made: vec![Made::default(); names.len()], error: None };
-    let bar = console.run_progress(prepared);
+    let mut scheduled = Scheduled { writer, made: vec![RecordedSteps::default(); names.len()], error: None };
+    let bar = console.run_progress((!prepared.is_endless()).then(|| prepared.end_s()));
     bar.stage("running");
     let mut stop_began_s = None;
     let mut left_plan = false;
@@ -195,8 +195,11 @@ pub(super) fn run(
         .map_or_else(|| writer.map_or(Ok(()), |writer| writer.finish().map(drop)), Err)
         .map_err(|error| access("write", &path, error));
     let runner = format!("board at {name}");
-    let asked =
-        asked.map_err(|error| run_problem(error, plan::report_made(prepared, &planned, &made), runner.clone(), folder));
+    let asked = asked.map_err(|error| {
+        let plan = PlanReport::made(prepared, &planned, &made);
+        let report = StoppedReport::of(&error, plan, runner.clone());
+        run_problem(error, report, folder)
+    });
     let (ended, measures, events, clock_ppm, frames_repeated) = asked?;
     let end = run_end(prepared, &ended, how);
     let Ended { counted, stopped, uncertain, .. } = ended;
@@ -219,8 +222,8 @@ pub(super) fn run(
         frames_repeated,
     };
     let plan = match left_plan {
-        false => plan::report(prepared, &planned),
-        true => plan::report_made(prepared, &planned, &made),
+        false => PlanReport::new(prepared, &planned),
+        true => PlanReport::made(prepared, &planned, &made),
     };
     let positions = plan.motors.iter().zip(&says.counted);
     let positions = positions.map(|(motor, steps)| motor.start + *steps as f64 / motor.steps_per_unit).collect();
@@ -401,7 +404,7 @@ impl Display for PortText<'_> {
 struct Scheduled<W: std::io::Write> {
     /// `None`: no file is wanted.
     writer: Option<steps::StepWriter<W>>,
-    made: Vec<Made>,
+    made: Vec<RecordedSteps>,
     error: Option<std::io::Error>,
 }
 

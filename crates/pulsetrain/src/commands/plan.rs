@@ -6,12 +6,10 @@ use clap::Args;
 use miette::miette;
 use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
-use pulsetrain_motion::Time;
 
 use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
-use crate::made::Made;
-use crate::report::{MotorReport, PlanReport, TableReport, unlimited};
+use pulsetrain_report::plan_report::PlanReport;
 use pulsetrain_session::Proof;
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::plans::Planned;
@@ -41,7 +39,7 @@ pub(crate) fn run(args: &PlanArgs, console: &mut Console<'_>) -> miette::Result<
     let mut prepared = args.motion.prepare(Task::Plan, args.json, console)?;
     over_line(&mut prepared, args.baud)?;
     let planned = plan(&mut prepared, console)?;
-    let report = report(&prepared, &planned);
+    let report = PlanReport::new(&prepared, &planned);
     if args.json {
         console.print_json(&report)?;
     } else {
@@ -93,38 +91,4 @@ pub(crate) fn prove_first(prepared: &mut Prepared, console: &Console<'_>) -> mie
     bar.stage("planning");
     let proven = prepared.prove_first(|seconds| bar.set(seconds)).map_err(advised)?;
     Ok(proven)
-}
-
-pub(crate) fn report(prepared: &Prepared, planned: &[Planned]) -> PlanReport {
-    let program = &prepared.program;
-    let board = &program.board;
-    let last_tick = planned.iter().map(|planned| planned.last_tick).max().unwrap_or(0);
-    let motors = program.motors.iter().zip(planned);
-    let motors: Vec<MotorReport> = motors.map(|(motor, planned)| MotorReport::new(program, motor, planned)).collect();
-    let still =
-        motors.iter().all(|motor| motor.steps == 0).then(|| "This motion makes no step: nothing moves.".to_owned());
-    PlanReport {
-        file: prepared.file.clone(),
-        board: board.name.clone(),
-        tick_hz: board.tick_hz,
-        tolerance_ticks: program.tolerance.ticks(board.tick_hz),
-        asked_s: match prepared.cut {
-            Some(cut) => Some(cut.at.seconds()),
-            None => (!prepared.is_endless()).then(|| prepared.end_s()),
-        },
-        duration_s: last_tick as f64 / board.tick_hz as f64,
-        cut_at_s: prepared.cut.map(|cut| cut.at.seconds()),
-        uncut_s: prepared.cut.and_then(|cut| cut.end).map(Time::seconds),
-        pause: prepared.pause,
-        tables: prepared.tables.iter().map(TableReport::new).collect(),
-        notes: still.into_iter().chain(unlimited(&motors)).collect(),
-        motors,
-    }
-}
-
-/// The report of a run that left its plan: what was made, not what was planned.
-pub(crate) fn report_made(prepared: &Prepared, planned: &[Planned], made: &[Made]) -> PlanReport {
-    let mut report = report(prepared, planned);
-    report.as_made(made);
-    report
 }

@@ -3,20 +3,17 @@
 use super::problems::drive_problem;
 use super::{plan, run};
 use crate::arguments::Motion;
-use crate::console::{self, Access, Console, Exit};
+use crate::console::{self, Console, Exit};
 use crate::diagnostic::advised;
 use crate::load;
-use crate::record::Files;
-use crate::standing::quoted;
+use crate::way_back::quoted;
 use clap::Args;
 use miette::miette;
 use pulsetrain_board::{Edge, Native, Observer, ScheduledStep};
 use pulsetrain_motion::{Time, file};
 use pulsetrain_plot::moving::{MOST_STEPS, Moving};
-use pulsetrain_session::Proof;
 use pulsetrain_session::drive::Driven;
 use pulsetrain_session::estimate::Task;
-use pulsetrain_session::lateness::Edges;
 use pulsetrain_session::prepare::Prepared;
 use std::path::{Path, PathBuf};
 
@@ -56,17 +53,7 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
     if args.moving {
         return moving(args, &prepared, driven, &path, console);
     }
-    let files = None::<Result<Files<std::io::Sink>, Access>>;
-    let ran = run::record(
-        &prepared,
-        Proof { planned, is_whole: true, until_s: f64::INFINITY },
-        driven,
-        files,
-        Edges::default(),
-        None,
-        console,
-    )?;
-    let recorded = ran.map_err(|failed| drive_problem(failed.error))?.recorded;
+    let recorded = run::recorded(&prepared, planned, driven, console)?;
     run::draw(&recorded.picture, &path)?;
     console.print(format_args!("{}\n", path.display()))?;
     Ok(if recorded.verdict.ok { Exit::Success } else { Exit::BoundBroken })

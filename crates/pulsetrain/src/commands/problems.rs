@@ -8,9 +8,9 @@ use pulsetrain_board::{LinkError, PortError, RemoteError};
 use crate::console;
 use crate::control_socket::{RunClient, runs};
 use crate::diagnostic::advised;
-use crate::report::{PlanReport, RunEnd, StoppedReport};
-use crate::standing::quoted;
+use crate::way_back::quoted;
 use pulsetrain_motion::human;
+use pulsetrain_report::run_report::StoppedReport;
 use pulsetrain_session::SessionError;
 use pulsetrain_session::drive::DriveError;
 use pulsetrain_session::prepare::WORST_CLOCK_PPM;
@@ -92,14 +92,12 @@ impl OtherImage {
     }
 }
 
-/// The error for a run. If the motors had begun to move, the report is written to `folder` first.
-pub(crate) fn run_problem(error: DriveError, plan: PlanReport, runner: String, folder: &Path) -> Report {
-    let stopped = RunEnd::of(&error);
+/// The error for a run. If the motors had begun to move, its report is written to `folder` first.
+pub(crate) fn run_problem(error: DriveError, report: Option<Box<StoppedReport>>, folder: &Path) -> Report {
     let problem = drive_problem(error);
-    let Some(stopped) = stopped else { return problem };
+    let Some(mut report) = report else { return problem };
     let help = problem.help().map_or_else(String::new, |help| help.to_string());
-    let stopped = RunEnd { help: help.clone(), ..stopped };
-    let report = Box::new(StoppedReport { plan, runner, stopped });
+    report.stopped.help.clone_from(&help);
     let written = console::json(&report)
         .and_then(|text| Ok(console::write(&folder.join("report.json"), format!("{text}\n").as_bytes())?));
     // The stop matters more than the file.

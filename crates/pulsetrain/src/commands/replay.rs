@@ -11,12 +11,13 @@ use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::human;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plot::{Errors, MotorPicture, Picture};
+use pulsetrain_report::run::file_name;
 use pulsetrain_session::control::{Ended, Event};
 use pulsetrain_session::drive::{DriveError, Driven};
 
 use super::live::{Staged, Trace, Way, in_words, proving};
 use super::problems::drive_problem;
-use super::run::{draw, file_name};
+use super::run::draw;
 use crate::console::{Access, Console, Exit, access};
 use crate::diagnostic::{WrongFile, advised};
 use crate::live::incoming::has_stop;

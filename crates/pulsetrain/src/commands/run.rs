@@ -3,14 +3,12 @@
 use crate::arguments;
 use crate::arguments::Motion;
 use clap::Args;
-use pulsetrain_board::BoardKind;
+use pulsetrain_board::Native;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::Time;
-use std::cell::Cell;
 use std::path::{Path, PathBuf};
 
 use miette::{Report, miette};
-use pulsetrain_board::Leased;
 
 use super::on_port::{self, PortRun};
 use super::problems::{RunStopped, drive_problem, run_problem};
@@ -19,16 +17,15 @@ use crate::console::{self, Access, Console, Exit};
 use crate::control_socket::{Control, Ending, RunEnded, RunInfo};
 use crate::diagnostic::advised;
 use crate::interrupt;
-use crate::made::Made;
-use crate::record::{Files, Recorded, Recorder};
-use crate::report::{RunEnd, RunReport};
-use crate::standing::{quoted, standings, way_back};
-use pulsetrain_motion::human;
+use crate::way_back::{quoted, way_back};
 use pulsetrain_plot::Picture;
-use pulsetrain_plot::machine::Drawn;
+use pulsetrain_report::record::{Files, OutputFile, Recorded, Unwritten};
+use pulsetrain_report::run::{
+    Progress, Run, RunError, RunOptions, Unfinished, known_positions, record, run as run_motion,
+};
 use pulsetrain_session::Proof;
 use pulsetrain_session::control::{Ended, Event};
-use pulsetrain_session::drive::{DriveError, Driven};
+use pulsetrain_session::drive::Driven;
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::lateness::Edges;
 use pulsetrain_session::plans::Planned;
@@ -202,48 +199,33 @@ fn perform_with(
     console: &mut Console<'_>,
 ) -> miette::Result<(Exit, RunEnded)> {
     let folder = how.folder;
-    let baud = how.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
-    if !how.native {
-        // A Pico's own USB has no baud rate. Without --baud a rate limits the plan only if the port is not that USB; a
-        // virtual Pico is reached by USB.
-        let by_uart = how.port.is_some_and(|name| !ports::is_own_usb(name));
-        prepared.over_line(if by_uart { Some(baud) } else { how.baud });
-    }
-    // Before anything moves or is written, the motion is planned, and perhaps refused: all of it, or the beginning of a
-    // long one.
-    let proof = plan::prove_first(&mut prepared, console)?;
     if let Some(name) = how.port {
+        // A Pico's own USB has no baud rate. Without --baud a rate limits the plan only if the port is not that USB.
+        let baud = how.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
+        prepared.over_line(if ports::is_own_usb(name) { how.baud } else { Some(baud) });
+        // Before anything moves or is written, the motion is planned, and perhaps refused: all of it, or the beginning of a
+        // long one.
+        let proof = plan::prove_first(&mut prepared, console)?;
         return on_port::run(&prepared, proof, PortRun { port: name, baud, how }, control, console);
     }
-    stopped_before_begin(control)?;
-    // From here on Ctrl-C stops the motors.
-    interrupt::watch();
-    let edges = Edges::of(&prepared.program);
-    let (ran, runner) = match BoardKind::named(&prepared.program.board.name).filter(|_| !how.native) {
-        Some(kind) => {
-            let mut driven = Driven::on_virtual(kind, &prepared, baud).map_err(drive_problem)?;
-            let firmware = human::version(driven.board_mut().info().firmware);
-            let runner = format!("virtual {}, firmware {firmware}", kind.title());
-            (to_files(&prepared, proof, driven, edges, how, control, console)?, runner)
-        }
-        None => {
-            let driven = Driven::native(&prepared).map_err(advised)?;
-            (to_files(&prepared, proof, driven, Edges::default(), how, control, console)?, "native".to_owned())
-        }
+    let options =
+        RunOptions { native: how.native, baud: how.baud, is_known: &how.is_known, commands: Some(control.commands()) };
+    let open = |file: OutputFile| {
+        let is_wanted = match file {
+            OutputFile::Trace => how.trace,
+            OutputFile::Steps => how.steps,
+        };
+        is_wanted.then(|| console::open(&folder.join(file.name())))
     };
-    let ran = ran.map_err(|NotRun { error, planned, made }| {
-        run_problem(error, plan::report_made(&prepared, &planned, &made), runner.clone(), folder)
-    })?;
-    let Ran { ended, planned, recorded, judged_until_s } = ran;
+    let mut bars = RunBars::new(&prepared, Some(control), console);
+    bars.planning(0.0);
+    let run = run_motion(&mut prepared, &options, open, &mut bars);
+    drop(bars);
+    let Run { mut report, picture, ended, unwritten, .. } = run.map_err(|error| not_run(error, folder, console))?;
     let end = run_end(&prepared, &ended, how);
-    let Recorded { verdict, picture, lateness, figures, made, unwritten } = recorded;
-    let plan = match judged_until_s {
-        None => plan::report(&prepared, &planned),
-        Some(_) => plan::report_made(&prepared, &planned, &made),
-    };
-    let mut report = RunReport::new(plan, runner, verdict, lateness, figures);
-    report.judged_until_s = judged_until_s;
-    report.stopped = ended.stopped.then(|| RunEnd::wanted(&ended, judged_until_s.unwrap_or_default(), &end));
+    if let Some(stopped) = &mut report.stopped {
+        stopped.help = end.way_back.clone().unwrap_or_default();
+    }
     if !how.json {
         console.print(&report)?;
         if how.verbose {
@@ -252,7 +234,10 @@ fn perform_with(
     }
     let text = format!("{}\n", console::json(&report)?);
     let written = unwritten
-        .map_or_else(|| console::write(&folder.join("report.json"), text.as_bytes()), Err)
+        .map_or_else(
+            || console::write(&folder.join("report.json"), text.as_bytes()),
+            |unwritten| Err(file_error(unwritten, folder)),
+        )
         .map_err(Report::from)
         .and_then(|()| draw(&picture, &folder.join("plot.svg")));
     // The verdict is printed even if a file could not be written.
@@ -283,108 +268,100 @@ pub(super) fn stopped_before_begin(control: &Control) -> miette::Result<()> {
 
 /// How a run ended, for the clients of its control socket.
 pub(super) fn run_end(prepared: &Prepared, ended: &Ended, how: &HowToRun<'_>) -> RunEnded {
-    let program = &prepared.program;
-    let mut motors = standings(program, &ended.counted, ended.uncertain.as_deref().unwrap_or_default());
+    let motors = known_positions(prepared, ended, &how.is_known);
     let is_wanted = ended.stopped && how.knows_all();
-    let way_back = is_wanted.then(|| way_back(&prepared.file, program, &motors, &how.goto_options)).flatten();
-    let mut is_known = how.is_known.iter();
-    motors.retain(|_| is_known.next().is_none_or(|known| *known));
+    let way_back = is_wanted.then(|| way_back(&prepared.file, &prepared.program, &motors, &how.goto_options)).flatten();
     let ended = if ended.stopped { Ending::Stopped } else { Ending::Finished };
     RunEnded { ended, why: None, motors, way_back, moved: true }
 }
 
-/// A run that came to the motion's end, or was stopped on its way, as somebody asked for.
-pub(crate) struct Ran {
-    pub(crate) ended: Ended,
-    pub(crate) planned: Vec<Planned>,
-    pub(crate) recorded: Recorded,
-    /// When somebody stopped it or changed it, s of the motion: the motors left the file's laws then. `None` if nobody did.
-    pub(crate) judged_until_s: Option<f64>,
+/// The error for a file of a run.
+fn file_error(unwritten: Unwritten, folder: &Path) -> Access {
+    console::access("write", &folder.join(unwritten.file.name()), unwritten.error)
 }
 
-/// A run that failed.
-pub(crate) struct NotRun {
-    pub(crate) error: DriveError,
-    pub(crate) planned: Vec<Planned>,
-    /// What each motor made.
-    pub(crate) made: Vec<Made>,
-}
-
-/// What became of a run.
-pub(crate) type RanOrNot = Result<Ran, NotRun>;
-
-fn to_files<B: Leased>(
-    prepared: &Prepared,
-    proof: Proof,
-    driven: Driven<B>,
-    edges: Edges,
-    how: &HowToRun<'_>,
-    control: &Control,
-    console: &mut Console<'_>,
-) -> miette::Result<RanOrNot> {
-    let wanted = [how.trace, how.steps];
-    let files = Files::new(&prepared.program, &driven.lines, how.folder, wanted, console::create);
-    record(prepared, proof, driven, Some(files), edges, Some(control), console)
-}
-
-/// Runs a planned motion, with a progress bar. If the run ends early its files end there, complete to that point. Without its files it is
-/// judged all the same, since nothing real moves.
-pub(crate) fn record<B: Leased, W: std::io::Write>(
-    prepared: &Prepared,
-    proof: Proof,
-    mut driven: Driven<B>,
-    files: Option<Result<Files<W>, Access>>,
-    edges: Edges,
-    control: Option<&Control>,
-    console: &mut Console<'_>,
-) -> miette::Result<RanOrNot> {
-    let board = &prepared.program.board;
-    let title = format!("{} on {}", file_name(&prepared.file), board.name);
-    let drawn = Drawn::of(&prepared.program);
-    let mut unopened = None;
-    let files = files.and_then(|files| files.map_err(|error| unopened = Some(error)).ok());
-    let judged_until_s = Cell::new(None);
-    let mut recorder = Recorder::new(&prepared.program, &drawn, &driven.lines, title, files, &edges, &judged_until_s)?;
-    if !proof.is_whole {
-        driven = driven.proving(prepared, proof.until_s).map_err(drive_problem)?;
-    }
-    let bar = console.run_progress(prepared);
-    bar.stage("running");
-    let mut now_s = 0.0;
-    let mut look = |event: &Event| {
-        bar.follow(event);
-        match event {
-            Event::Progress { at_s } => now_s = *at_s,
-            // What was sent before follows the file's laws; the change comes after it.
-            Event::Stopping { .. } | Event::StoppedAtOnce { .. } | Event::Pausing { .. } | Event::Tempo { .. } => {
-                judged_until_s.set(judged_until_s.get().or(Some(now_s)));
-            }
-            _ => {}
-        }
-    };
-    let ended = match control {
-        None => driven.run(&mut recorder, |event| look(&event)),
-        Some(control) => driven.run_with(control.commands(), &mut recorder, |event| {
-            look(&event);
-            control.tell(&event);
-        }),
-    };
-    drop(bar);
-    let planned = if proof.is_whole { proof.planned } else { driven.planned() };
-    match ended {
-        Err(error) => {
-            let (made, unwritten) = recorder.close();
+/// The error for a run that has no verdict, with advice.
+fn not_run(error: RunError, folder: &Path, console: &mut Console<'_>) -> Report {
+    match error {
+        RunError::Refused(refusal) => advised(refusal),
+        RunError::Drive { error, report, unwritten } => {
             // The stop matters more than the file.
-            if let Some(unwritten) = unopened.or(unwritten) {
-                console.tell(format_args!("{unwritten}\n"));
+            if let Some(unwritten) = unwritten {
+                console.tell(format_args!("{}\n", file_error(unwritten, folder)));
             }
-            Ok(Err(NotRun { error, planned, made }))
+            run_problem(error, report, folder)
         }
-        Ok(ended) => {
-            let recorded = recorder.finish(&planned, driven.lateness().unwrap_or_default())?;
-            let recorded = Recorded { unwritten: unopened.or(recorded.unwritten), ..recorded };
-            Ok(Ok(Ran { ended, planned, recorded, judged_until_s: judged_until_s.get() }))
+        error @ (RunError::NotBegun | RunError::Record(_)) => miette!("{error}"),
+    }
+}
+
+/// The progress bars of a run: while it is planned, then while it runs. A run with clients reports to them, too.
+struct RunBars<'c, 'o> {
+    console: &'c Console<'o>,
+    control: Option<&'c Control>,
+    /// When the motion ends, s. `None`: it has no end.
+    end_s: Option<f64>,
+    /// The present bar.
+    bar: Option<console::Progress>,
+}
+
+impl<'c, 'o> RunBars<'c, 'o> {
+    fn new(prepared: &Prepared, control: Option<&'c Control>, console: &'c Console<'o>) -> RunBars<'c, 'o> {
+        RunBars { console, control, end_s: (!prepared.is_endless()).then(|| prepared.end_s()), bar: None }
+    }
+
+    /// The present bar; if there is none, a new one for that stage.
+    fn bar(&mut self, stage: &'static str, new: impl FnOnce(&Console<'_>) -> console::Progress) -> &console::Progress {
+        let console = self.console;
+        self.bar.get_or_insert_with(|| {
+            let bar = new(console);
+            bar.stage(stage);
+            bar
+        })
+    }
+}
+
+impl Progress for RunBars<'_, '_> {
+    fn planning(&mut self, at_s: f64) {
+        let end_s = self.end_s.unwrap_or(f64::INFINITY);
+        self.bar("planning", |console| console.progress(end_s, "the motion")).set(at_s);
+    }
+
+    fn may_begin(&mut self) -> bool {
+        self.bar = None;
+        if self.control.is_some_and(Control::wants_stop) {
+            return false;
         }
+        // From here on Ctrl-C stops the motors.
+        interrupt::watch();
+        true
+    }
+
+    fn event(&mut self, event: &Event) {
+        let end_s = self.end_s;
+        self.bar("running", |console| console.run_progress(end_s)).follow(event);
+        if let Some(control) = self.control {
+            control.tell(event);
+        }
+    }
+}
+
+/// Runs a motion that is planned on the native board, with a progress bar, and judges it. It writes no files.
+pub(super) fn recorded(
+    prepared: &Prepared,
+    planned: Vec<Planned>,
+    driven: Driven<Native>,
+    console: &Console<'_>,
+) -> miette::Result<Recorded> {
+    let proof = Proof { planned, is_whole: true, until_s: f64::INFINITY };
+    let files = None::<Result<Files<std::io::Sink>, Unwritten>>;
+    let mut bars = RunBars::new(prepared, None, console);
+    match record(prepared, proof, driven, files, &Edges::default(), None, &mut bars) {
+        Ok(run) => Ok(run.recorded),
+        Err(unfinished) => Err(match *unfinished {
+            Unfinished::Record(error) => miette!("{error}"),
+            Unfinished::Drive { error, .. } => drive_problem(error),
+        }),
     }
 }
 
@@ -406,8 +383,4 @@ pub(crate) fn draw(picture: &Picture, path: &Path) -> miette::Result<()> {
 
 fn default_folder(file: &Path) -> PathBuf {
     Path::new("out").join(file.file_stem().unwrap_or(file.as_os_str()))
-}
-
-pub(super) fn file_name(path: &str) -> String {
-    Path::new(path).file_name().map_or_else(|| path.to_owned(), |name| name.to_string_lossy().into_owned())
 }

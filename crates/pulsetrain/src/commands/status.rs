@@ -148,6 +148,6 @@ impl Display for RunStatus<'_> {
 fn last_words(end: &RunEnded) -> String {
     match &end.why {
         Some(why) => format!("it ended: {why}"),
-        None => format!("it ended: {}", crate::standing::listed(&end.motors)),
+        None => format!("it ended: {}", pulsetrain_report::positions::listed(&end.motors)),
     }
 }

@@ -14,7 +14,7 @@ use super::info::{listed, motor_list};
 use super::problems::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
 use crate::control_socket::{Ending, RunClient, RunEnded, RunInfo, RunLine, SocketError, runs};
-use crate::standing::quoted;
+use crate::way_back::quoted;
 use crate::winch::talk::{BoardLine, Talk, with_checksum};
 use pulsetrain_motion::human;
 use pulsetrain_session::control::{Command, Event};

@@ -17,7 +17,7 @@ use crate::consent::{self, Consent};
 use crate::console::{self, Console, Exit};
 use crate::diagnostic::advised;
 use crate::load;
-use crate::report::VerdictText;
+use pulsetrain_report::run_report::VerdictText;
 use pulsetrain_session::estimate::Task;
 use schemars::JsonSchema;
 use serde::Serialize;

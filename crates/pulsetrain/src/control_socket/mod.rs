@@ -18,13 +18,13 @@ use std::path::PathBuf;
 use miette::Diagnostic;
 use pulsetrain_board::BoardKind;
 use pulsetrain_motion::machine::{Kinematics, Machine};
-use pulsetrain_motion::program::{Motor, Program};
-use pulsetrain_plan::Settings;
+use pulsetrain_motion::program::Program;
 use pulsetrain_session::control::{Command, Event};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::standing::Standing;
+use pulsetrain_report::plan_report::max_speed;
+use pulsetrain_report::positions::{MotorPosition, start};
 
 #[cfg(unix)]
 mod client;
@@ -189,7 +189,7 @@ impl RunInfo {
             name: motor.name.clone(),
             unit: motor.scale.unit.clone(),
             steps_per_unit: motor.scale.steps_per_unit,
-            start_steps: crate::standing::start(motor),
+            start_steps: start(motor),
             max_speed: Some(max_speed(program, motor)),
         });
         RunInfo {
@@ -250,12 +250,6 @@ impl RunInfo {
         let MotorInfo { steps_per_unit, start_steps, .. } = self.motors.get(motor)?;
         Some((start_steps + count as f64) / steps_per_unit)
     }
-}
-
-/// The highest speed that the board, its driver and the motor allow, steps/s.
-pub(crate) fn max_speed(program: &Program, motor: &Motor) -> f64 {
-    let rate = Settings::of(program, motor).highest_rate_hz();
-    motor.limits.max_speed.map_or(rate, |speed| speed.min(rate))
 }
 
 /// The last part of a port's name, with letters that every file name may have.
@@ -319,7 +313,7 @@ pub struct RunEnded {
     pub why: Option<String>,
     /// Where the motors are, if that is known.
     #[serde(default)]
-    pub motors: Vec<Standing>,
+    pub motors: Vec<MotorPosition>,
     /// The command that brings the motors back to the motion's start.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub way_back: Option<String>,

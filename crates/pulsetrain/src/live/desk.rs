@@ -15,7 +15,7 @@ use pulsetrain_motion::{Law, Time};
 use pulsetrain_session::prepare::Prepared;
 
 use crate::control_socket::{KnobInfo, KnobValue};
-use crate::standing::{START, check_range, example_position, start};
+use pulsetrain_report::positions::{START, check_range, example_position, start};
 
 /// The files that a motion file names, by the names that it gives them.
 pub type FileTexts = BTreeMap<PathBuf, String>;

@@ -78,7 +78,7 @@ impl Nearest {
 
 /// A value to the digits that its distance from others deserves: people read it.
 fn nice(value: f64, span: f64) -> f64 {
-    let digits = (4.0 - span.abs().max(1e-12).log10()).ceil().clamp(0.0, 15.0) as usize;
+    let digits = (4.0 - libm::log10(span.abs().max(1e-12))).ceil().clamp(0.0, 15.0) as usize;
     format!("{value:.digits$}").parse().unwrap_or(value)
 }
 

@@ -139,7 +139,7 @@ fn refit(timebase: Timebase, matches: &[Match], rate: bool) -> Timebase {
         let n = near().count() as f64;
         about = near().map(|(t, _)| t).sum::<f64>() / n;
         shift = near().map(|(_, late)| late).sum::<f64>() / n;
-        let square: f64 = near().map(|(t, _)| (t - about).powi(2)).sum();
+        let square: f64 = near().map(|(t, _)| (t - about) * (t - about)).sum();
         if square > 0.0 {
             slope = near().map(|(t, late)| (t - about) * (late - shift)).sum::<f64>() / square;
         }

@@ -44,7 +44,8 @@ pub(super) fn find(sent: &[SentLine], seen: &Seen, ms_end: u64, options: &WinchO
             let position = now.last().map_or(before, |step| step.position) as f64;
             for way in &mut ways {
                 for step in now {
-                    way.distance += step.behind(&way.board, axis, ms).powi(2);
+                    let behind = step.behind(&way.board, axis, ms);
+                    way.distance += behind * behind;
                     step.show(&mut way.board, axis, ms, options);
                 }
                 let end = way.board.paths[axis].position + way.board.speed(axis) * 1e-3;
@@ -57,7 +58,7 @@ pub(super) fn find(sent: &[SentLine], seen: &Seen, ms_end: u64, options: &WinchO
             way.board.tick();
             if way.differing.go_on(are_on != way.board.drives, options) {
                 // This counts as much as a step at its bound.
-                way.distance += options.bound_steps.powi(2);
+                way.distance += options.bound_steps * options.bound_steps;
             }
         }
         prune(&mut ways, &windows);

@@ -9,6 +9,7 @@ use super::FormulaError;
 use super::tree::{Expression, Span, error};
 use crate::law::double::Double;
 use crate::quantity::{Base, written};
+use crate::whole_power;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 use std::fmt;
 
@@ -308,7 +309,7 @@ impl Measure {
     /// Of a number in the formula's text.
     pub(super) fn number(value: f64) -> Measure {
         let angular = Measure::known(value);
-        let rest = value / PI.powf(angular.pi);
+        let rest = value / libm::pow(PI, angular.pi);
         Measure { literals: angular.literals.and([rest].into_iter()), ..angular }
     }
 
@@ -346,10 +347,10 @@ impl Measure {
         Measure {
             dimension,
             is_ratio: cancels || self.is_ratio || other.is_ratio,
-            constant: self.constant.zip(other.constant).map(|(a, b)| a * b.powi(n)),
-            factor: self.factor * other.factor.powi(n),
+            constant: self.constant.zip(other.constant).map(|(a, b)| a * whole_power(b, n)),
+            factor: self.factor * whole_power(other.factor, n),
             pi: self.pi + power * other.pi,
-            literals: self.literals.and(other.literals.iter().map(|literal| literal.powi(n))),
+            literals: self.literals.and(other.literals.iter().map(|literal| whole_power(literal, n))),
             uses: self.uses.and(other.uses.iter().map(|(index, p)| (index, power as f32 * p))),
             is_rate: self.is_rate || other.is_rate,
             is_inverse: self.is_inverse || other.is_inverse,
@@ -379,10 +380,10 @@ impl Measure {
     pub(super) fn power(&self, n: f64) -> Measure {
         Measure {
             dimension: Dimension::PLAIN.times(self.dimension, n),
-            constant: self.constant.map(|c| c.powf(n)),
-            factor: self.factor.powf(n),
+            constant: self.constant.map(|c| libm::pow(c, n)),
+            factor: libm::pow(self.factor, n),
             pi: self.pi * n,
-            literals: Few::none(1.0).and(self.literals.iter().map(|literal| literal.powf(n))),
+            literals: Few::none(1.0).and(self.literals.iter().map(|literal| libm::pow(literal, n))),
             uses: Few::none((0, 0.0)).and(self.uses.iter().map(|(index, power)| (index, power * n as f32))),
             radians: self.radians.map(|radians| radians * n),
             ..*self
@@ -564,7 +565,7 @@ impl Place<'_> {
             return false;
         }
         let near = |x: f64| is_near(factor, x);
-        let has = |x: f64| near(x) || literals.some_come_to(x, PI.powf(pi));
+        let has = |x: f64| near(x) || literals.some_come_to(x, libm::pow(PI, pi));
         let is_literal = |x: f64| is_near(literals.product(), x) || literals.has(x);
         let of_turns =
             |(parameter, power): (&Parameter, f64)| power == 1.0 && parameter.scale.is_some_and(|scale| scale.in_turns);
@@ -611,12 +612,12 @@ impl Place<'_> {
         }
         let by_hand = |parameter: &Parameter, power: f64| {
             let Some(WrittenUnit { number, per_s, base, .. }) = parameter.scale else { return false };
-            let here = (parameter.amount(self.in_trig).value.nearest() / number).abs().powf(power);
+            let here = libm::pow((parameter.amount(self.in_trig).value.nearest() / number).abs(), power);
             let is_same = is_near(here, 1.0);
             let makes = |literal: f64| is_near(literal, here) && (base == Base::FullStep || !may_be_gear(literal));
             let is_here = literals.iter().chain([literals.product()]).any(makes)
-                || pi != 0.0 && literals.some_come_to(here, PI.powf(pi));
-            is_here && !is_same || per_s != 1.0 && literals.has(per_s.powf(-power))
+                || pi != 0.0 && literals.some_come_to(here, libm::pow(PI, pi));
+            is_here && !is_same || per_s != 1.0 && literals.has(libm::pow(per_s, -power))
         };
         used.into_iter().find(|(parameter, power)| by_hand(parameter, *power)).map(|(parameter, _)| parameter)
     }

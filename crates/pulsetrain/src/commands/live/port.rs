@@ -14,7 +14,7 @@ use pulsetrain_session::prepare::Prepared;
 
 use crate::clock::Onward;
 use crate::last_positions::{self, Keeper};
-use crate::standing::start;
+use pulsetrain_report::positions::start;
 use pulsetrain_trace::Line;
 
 /// A session with a board at a serial port.

@@ -76,7 +76,7 @@ impl Fit {
         let rows: Vec<(usize, f64, [f64; 3])> = (0..film.len())
             .filter_map(|k| {
                 let part = breaks.part(k)?;
-                let weight = 1.0 / (film[k].sigma.powi(2) + floor.powi(2));
+                let weight = 1.0 / (film[k].sigma * film[k].sigma + floor * floor);
                 let speed = law[k].1;
                 Some((part, weight, [-speed * (1.0 + self.rate), speed * (film[k].time_s - about), errors[k]]))
             })
@@ -106,8 +106,8 @@ impl Fit {
         let (ss, sr, rr, sy, ry) = (sums[0][0], sums[0][1], sums[1][1], sums[0][2], sums[1][2]);
         // What is expected of clocks: the error's own scale makes it a weight.
         let error_scale = (sums[2][2] / rows.len().max(1) as f64).max(1.0);
-        let rr = rr + error_scale / USUAL_RATE.powi(2);
-        let ry = ry - self.rate * error_scale / USUAL_RATE.powi(2);
+        let rr = rr + error_scale / (USUAL_RATE * USUAL_RATE);
+        let ry = ry - self.rate * error_scale / (USUAL_RATE * USUAL_RATE);
         let ss = ss + 1e-9 * ss + 1e-12;
         let (shift, faster) = if rate {
             let determinant = ss * rr - sr * sr;
@@ -154,11 +154,11 @@ pub(super) fn find(film: &[SeenFrame], law: &Law, turn: f64, rate: bool) -> Resu
         return Ok(Fit { shift_s: first, ..Fit::default() });
     }
     let table = positions(law, (0..samples).map(|k| earliest + k as f64 * step))?;
-    let table: Vec<(f64, f64)> = table.iter().map(|(theta, _)| (theta / turn * TAU).sin_cos()).collect();
+    let table: Vec<(f64, f64)> = table.iter().map(|(theta, _)| libm::sincos(theta / turn * TAU)).collect();
     let frames: Vec<(usize, f64, f64)> = few
         .iter()
         .map(|seen| {
-            let (sin, cos) = (seen.angle / turn * TAU).sin_cos();
+            let (sin, cos) = libm::sincos(seen.angle / turn * TAU);
             (((seen.time_s - first) / step).round() as usize, sin, cos)
         })
         .collect();
@@ -178,9 +178,9 @@ pub(super) fn find(film: &[SeenFrame], law: &Law, turn: f64, rate: bool) -> Resu
             sum[3] += -sin * law_cos - cos * law_sin;
         }
         for (sense, part) in [(1.0, 0), (-1.0, 2)] {
-            let parts: f64 = sums.iter().map(|sum| sum[part].hypot(sum[part + 1])).sum();
+            let parts: f64 = sums.iter().map(|sum| libm::hypot(sum[part], sum[part + 1])).sum();
             let all = sums.iter().fold((0.0, 0.0), |all, sum| (all.0 + sum[part], all.1 + sum[part + 1]));
-            scores.push((parts + all.0.hypot(all.1), sense, k));
+            scores.push((parts + libm::hypot(all.0, all.1), sense, k));
         }
     }
     // The best places of each sense that are no neighbours.

@@ -205,9 +205,12 @@ impl Breaks {
             return self.places.is_empty();
         }
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
-        let whole: f64 = errors.iter().map(|error| (error - mean).powi(2)).sum();
+        let whole: f64 = errors.iter().map(|error| (error - mean) * (error - mean)).sum();
         let levels: Vec<f64> = (0..self.parts()).map(|part| self.level(errors, part)).collect();
-        let rest = (0..errors.len()).filter_map(|k| Some((errors[k] - levels[self.part(k)?]).powi(2)));
+        let rest = (0..errors.len()).filter_map(|k| {
+            let off = errors[k] - levels[self.part(k)?];
+            Some(off * off)
+        });
         (rest.sum::<f64>() / whole).sqrt() < EXPLAINED
     }
 
@@ -234,7 +237,8 @@ impl Breaks {
             };
             let stated = film[before].sigma.max(film[after.min(film.len() - 1)].sigma);
             let few = left.len().min(right.len()).max(1) as f64;
-            let sigma_steps = 1.25 * spread(left).hypot(spread(right)).max(stated / few.sqrt()).max(0.5 * self.scatter);
+            let sigma_steps =
+                1.25 * libm::hypot(spread(left), spread(right)).max(stated / few.sqrt()).max(0.5 * self.scatter);
             let is_whole = 3.0 * sigma_steps < 0.5 && (steps - steps.round()).abs() < (3.0 * sigma_steps).max(0.15);
             let speed: f64 = law[before..=after].iter().map(|(_, speed)| speed).sum();
             Jump {

@@ -2,8 +2,9 @@
 //! result.
 
 use super::line::{Fault, Line};
+use pulsetrain::console::access;
 use pulsetrain::load;
-use pulsetrain::record::{Files, Recorder};
+use pulsetrain::report::record::{Files, Recorder, Unwritten};
 use pulsetrain_board::skewed::Skewed;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::{self, VirtualUno};
@@ -333,7 +334,7 @@ impl<P: Chip> Bench<P> {
             Driven::with(&self.prepared, |program| connect_as(line.clone(), program, Baud::B1M, 1)).expect("it begins");
         let disk = || Disk { room: bytes };
         let program = &self.prepared.program;
-        let files = Files::new(program, &driven.lines, Path::new("out"), [true; 2], |_| Ok(disk()));
+        let files = Files::new(program, &driven.lines, |_| Some(Ok(disk())));
         let drawn = Drawn::of(program);
         let until = Cell::new(None);
         let edges = Edges::of(program);
@@ -343,7 +344,8 @@ impl<P: Chip> Bench<P> {
         // The verdict is there all the same.
         let recorded = recorder.finish(&planned, driven.lateness().unwrap()).expect("a verdict");
         assert!(recorded.verdict.ok, "{}", recorded.verdict);
-        let error = recorded.unwritten.expect("the disk is full");
+        let Unwritten { file, error } = recorded.unwritten.expect("the disk is full");
+        let error = access("write", &Path::new("out").join(file.name()), error);
         (self.judge(ended.err(), &line.all_edges()), error.to_string())
     }
 

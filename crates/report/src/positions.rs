@@ -1,4 +1,4 @@
-//! Where motors stand, in the file's units, and the command that brings them back.
+//! Where motors are, in the file's units.
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 /// Where a motor stands.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Standing {
+pub struct MotorPosition {
     /// The motor's name in the file.
     pub name: String,
     /// Steps forward minus steps backward since the board was set up.
@@ -27,9 +27,9 @@ pub struct Standing {
     pub is_uncertain: bool,
 }
 
-impl fmt::Display for Standing {
+impl fmt::Display for MotorPosition {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Standing { name, steps, position, unit, is_uncertain } = self;
+        let MotorPosition { name, steps, position, unit, is_uncertain } = self;
         // What rounding leaves of 0 is no position.
         let position = human::significant(if position.abs() < 1e-9 { 0.0 } else { *position }, 7);
         write!(f, "{name} at {position} {}", human::unit(unit))?;
@@ -49,9 +49,9 @@ pub fn start(motor: &Motor) -> f64 {
 
 /// Where the motors of a program stand, from the board's counts. `uncertain` may be shorter than the motors.
 #[must_use]
-pub fn standings(program: &Program, counts: &[i64], uncertain: &[bool]) -> Vec<Standing> {
+pub fn motor_positions(program: &Program, counts: &[i64], uncertain: &[bool]) -> Vec<MotorPosition> {
     let motors = program.motors.iter().zip(counts).enumerate();
-    let each = motors.map(|(index, (motor, steps))| Standing {
+    let each = motors.map(|(index, (motor, steps))| MotorPosition {
         name: motor.name.clone(),
         steps: *steps,
         position: (start(motor) + *steps as f64) / motor.scale.steps_per_unit,
@@ -151,14 +151,14 @@ pub fn example_position(program: &Program, motor: usize) -> String {
 
 /// All of them in a sentence: "wheel at 37.35 deg (83 steps since the start), arm at 0 mm (0 steps since the start)".
 #[must_use]
-pub fn listed(standings: &[Standing]) -> String {
-    standings.iter().map(Standing::to_string).collect::<Vec<_>>().join("; ")
+pub fn listed(positions: &[MotorPosition]) -> String {
+    positions.iter().map(MotorPosition::to_string).collect::<Vec<_>>().join("; ")
 }
 
 /// A position in steps as a quantity that can be typed, to a hundredth of a step.
 #[must_use]
 pub fn typed(steps: f64, scale: &Scale) -> String {
-    let decimals = (scale.steps_per_unit.log10().ceil().max(0.0) as usize + 2).min(15);
+    let decimals = (libm::log10(scale.steps_per_unit).ceil().max(0.0) as usize + 2).min(15);
     let text = format!("{:.decimals$}", steps / scale.steps_per_unit);
     let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     // "-0" is 0.
@@ -166,45 +166,8 @@ pub fn typed(steps: f64, scale: &Scale) -> String {
     format!("{text} {}", scale.unit)
 }
 
-/// The command that brings motors from where they stand back to the motion's start. `None` if all stand there, or one does
-/// not know where it stands.
-#[must_use]
-pub fn way_back(file: &str, program: &Program, standings: &[Standing], options: &str) -> Option<String> {
-    if standings.iter().any(|standing| standing.is_uncertain) || standings.iter().all(|standing| standing.steps == 0) {
-        return None;
-    }
-    let motors = &program.motors;
-    let starts: Vec<f64> = motors.iter().map(start).collect();
-    let target = match motors.first() {
-        Some(first)
-            if starts.iter().all(|start| *start == 0.0)
-                && motors.iter().all(|motor| motor.scale.unit == first.scale.unit) =>
-        {
-            format!("\"0 {}\"", first.scale.unit)
-        }
-        _ => START.to_owned(),
-    };
-    let from = motors.iter().zip(starts).zip(standings).map(|((motor, start), standing)| {
-        let position = typed(start + standing.steps as f64, &motor.scale);
-        if motors.len() == 1 {
-            format!(" --from \"{position}\"")
-        } else {
-            format!(" --from \"{}={position}\"", motor.name)
-        }
-    });
-    let from: String = from.collect();
-    Some(format!("pulsetrain goto {} {target}{options}{from}", quoted(file)))
-}
-
 /// What `goto` calls the position at which the motion begins.
 pub const START: &str = "start";
-
-/// A word of a command line, in quotes if a shell would split it.
-#[must_use]
-pub fn quoted(word: &str) -> String {
-    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || "/\\.:_-+=,@%".contains(letter);
-    if !word.is_empty() && word.chars().all(is_plain) { word.to_owned() } else { format!("\"{word}\"") }
-}
 
 #[cfg(test)]
 mod tests {
@@ -221,12 +184,5 @@ mod tests {
         check(8000.0, "step", 1.0, "8000 step");
         check(-0.0, "mm", 80.0, "0 mm");
         check(1.0, "m", 80_000.0, "0.0000125 m");
-    }
-
-    #[test]
-    fn words_of_a_command_are_quoted_where_a_shell_would_split_them() {
-        for (word, expected) in [("a/b-1.toml", "a/b-1.toml"), ("my motion.toml", "\"my motion.toml\""), ("", "\"\"")] {
-            assert_eq!(quoted(word), expected);
-        }
     }
 }

@@ -1,10 +1,10 @@
-//! What the motors of a run made, step by step: a stop, a pause or a new tempo leaves the plan behind.
+//! The steps that the motors of a run made, step by step: a stop, a pause or a new tempo leaves the plan behind.
 
 use pulsetrain_board::ScheduledStep;
 
 /// The steps that one motor made.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Made {
+pub struct RecordedSteps {
     /// Steps in both directions.
     pub steps: u64,
     /// Steps forward minus steps backward.
@@ -16,7 +16,7 @@ pub struct Made {
     last: Option<ScheduledStep>,
 }
 
-impl Made {
+impl RecordedSteps {
     /// Takes the next step.
     pub fn step(&mut self, step: ScheduledStep) {
         self.steps += 1;
@@ -44,7 +44,7 @@ mod tests {
 
     #[test]
     fn steps_are_counted_with_their_range_and_their_shortest_interval() {
-        let mut made = Made::default();
+        let mut made = RecordedSteps::default();
         let mut take = |steps: &[(u64, Direction)]| {
             for &(tick, direction) in steps {
                 made.step(ScheduledStep { motor: 0, tick, direction });

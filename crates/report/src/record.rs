@@ -1,10 +1,8 @@
 //! Records a run while it goes on: files, verdict and picture.
 
 use std::cell::Cell;
-use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::io::{self, Write};
 
-use miette::Diagnostic;
 use pulsetrain_board::{Edge, Observer, ScheduledStep};
 use pulsetrain_core::Direction;
 use pulsetrain_motion::program::Program;
@@ -12,12 +10,42 @@ use pulsetrain_motion::{LawError, Time};
 use pulsetrain_trace::verdict::{EdgeJudge, JudgeError, Report};
 use pulsetrain_trace::{Line, steps, vcd_file};
 
-use crate::console::{Access, access};
-use crate::made::Made;
+use crate::recorded_steps::RecordedSteps;
 use pulsetrain_plot::machine::{Drawn, Figure, FigureReport};
 use pulsetrain_plot::{Errors, MotorPicture, Picture};
 use pulsetrain_session::lateness::{Edges, Lateness};
 use pulsetrain_session::plans::Planned;
+
+/// A file of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutputFile {
+    /// Every edge of every line, as VCD.
+    Trace,
+    /// Every step, as CSV.
+    Steps,
+}
+
+impl OutputFile {
+    /// Its name, without a folder.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            OutputFile::Trace => "trace.vcd",
+            OutputFile::Steps => "steps.csv",
+        }
+    }
+}
+
+/// A file of a run cannot be written.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot write {}: {error}", .file.name())]
+pub struct Unwritten {
+    /// Which one.
+    pub file: OutputFile,
+    /// Why.
+    // Its text is in the message, so it is no source: else it would be printed twice.
+    pub error: io::Error,
+}
 
 /// The files for the edges and steps of a run.
 pub struct Files<W: Write> {
@@ -25,61 +53,51 @@ pub struct Files<W: Write> {
     trace: Option<vcd_file::EdgeWriter<W>>,
     /// Every step. `None`: not wanted.
     steps: Option<steps::StepWriter<W>>,
-    folder: PathBuf,
 }
 
 impl<W: Write> Files<W> {
-    /// Begins the files of a run of `program`, with its lines at their levels of time zero: trace.vcd and steps.csv in `folder`, which `open`
-    /// opens, if they are `wanted`.
+    /// Begins the files of a run of `program`, with its lines at their levels of time zero. `open` opens those that are wanted, and gives `None`
+    /// for the others.
     ///
     /// # Errors
     /// When they cannot be written.
     pub fn new(
         program: &Program,
         lines: &[Line],
-        folder: &Path,
-        wanted: [bool; 2],
-        open: impl Fn(&Path) -> Result<W, Access>,
-    ) -> Result<Files<W>, Access> {
+        mut open: impl FnMut(OutputFile) -> Option<io::Result<W>>,
+    ) -> Result<Files<W>, Unwritten> {
         let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
         let tick_hz = program.board.tick_hz;
-        let [trace, steps] = [TRACE, STEPS].map(|name| folder.join(name));
-        let trace = wanted[0].then(|| {
-            let writer = vcd_file::EdgeWriter::new(open(&trace)?, tick_hz, lines);
-            writer.map_err(|error| access("write", &trace, error))
-        });
-        let steps = wanted[1].then(|| {
-            let writer = steps::StepWriter::new(open(&steps)?, tick_hz, &names);
-            writer.map_err(|error| access("write", &steps, error))
-        });
-        Ok(Files { trace: trace.transpose()?, steps: steps.transpose()?, folder: folder.to_owned() })
+        let trace = open(OutputFile::Trace).map(|file| vcd_file::EdgeWriter::new(file?, tick_hz, lines)).transpose();
+        let trace = trace.map_err(unwritten(OutputFile::Trace))?;
+        let steps = open(OutputFile::Steps).map(|file| steps::StepWriter::new(file?, tick_hz, &names)).transpose();
+        let steps = steps.map_err(unwritten(OutputFile::Steps))?;
+        Ok(Files { trace, steps })
     }
 
-    fn edge(&mut self, edge: pulsetrain_trace::Edge) -> Result<(), Access> {
-        let written = self.trace.as_mut().map_or(Ok(()), |trace| trace.push(edge));
-        written.map_err(|error| access("write", &self.folder.join(TRACE), error))
+    fn edge(&mut self, edge: pulsetrain_trace::Edge) -> Result<(), Unwritten> {
+        self.trace.as_mut().map_or(Ok(()), |trace| trace.push(edge)).map_err(unwritten(OutputFile::Trace))
     }
 
-    fn step(&mut self, step: steps::Step) -> Result<(), Access> {
-        let written = self.steps.as_mut().map_or(Ok(()), |steps| steps.push(step));
-        written.map_err(|error| access("write", &self.folder.join(STEPS), error))
+    fn step(&mut self, step: steps::Step) -> Result<(), Unwritten> {
+        self.steps.as_mut().map_or(Ok(()), |steps| steps.push(step)).map_err(unwritten(OutputFile::Steps))
     }
 
     /// Writes what is left in buffers.
-    fn finish(self) -> Result<(), Access> {
-        let Files { trace, steps, folder } = self;
-        let steps = steps.map_or(Ok(()), |steps| steps.finish().map(drop));
-        let trace = trace.map_or(Ok(()), |trace| trace.finish().map(drop));
-        trace.map_err(|error| access("write", &folder.join(TRACE), error))?;
-        steps.map_err(|error| access("write", &folder.join(STEPS), error))
+    fn finish(self) -> Result<(), Unwritten> {
+        let steps = self.steps.map_or(Ok(()), |steps| steps.finish().map(drop));
+        let trace = self.trace.map_or(Ok(()), |trace| trace.finish().map(drop));
+        trace.map_err(unwritten(OutputFile::Trace))?;
+        steps.map_err(unwritten(OutputFile::Steps))
     }
 }
 
-const TRACE: &str = "trace.vcd";
-const STEPS: &str = "steps.csv";
+fn unwritten(file: OutputFile) -> impl FnOnce(io::Error) -> Unwritten {
+    move |error| Unwritten { file, error }
+}
 
 /// Why a run could not be recorded.
-#[derive(Debug, thiserror::Error, Diagnostic)]
+#[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The judge cannot give a verdict.
     #[error(transparent)]
@@ -101,13 +119,13 @@ pub struct Recorder<'a, W: Write> {
     files: Option<Files<W>>,
     picture: Picture,
     figures: Vec<Figure<'a>>,
-    made: Vec<Made>,
+    made: Vec<RecordedSteps>,
     tick_s: f64,
     late_ticks: f64,
     /// Up to when the motion follows the program's laws, s; `None`: to its end, so far.
     judged_until_s: &'a Cell<Option<f64>>,
     /// The first error of a file. The verdict does not depend on files, so the recording goes on without them.
-    unwritten: Option<Access>,
+    unwritten: Option<Unwritten>,
     /// The first other error. Nothing is recorded after it.
     error: Option<RecordError>,
 }
@@ -124,9 +142,9 @@ pub struct Recorded {
     /// The errors of machines' figures, in the file's order.
     pub figures: Vec<FigureReport>,
     /// What each motor made.
-    pub made: Vec<Made>,
+    pub made: Vec<RecordedSteps>,
     /// The file that could not be written.
-    pub unwritten: Option<Access>,
+    pub unwritten: Option<Unwritten>,
 }
 
 impl<'a, W: Write> Recorder<'a, W> {
@@ -152,7 +170,7 @@ impl<'a, W: Write> Recorder<'a, W> {
         let motors = program.motors.iter();
         let motors: Vec<_> =
             motors.map(|motor| MotorPicture::new(motor.name.clone(), motor.scale.clone(), 0.0)).collect();
-        let made = vec![Made::default(); motors.len()];
+        let made = vec![RecordedSteps::default(); motors.len()];
         Ok(Recorder {
             program,
             judge,
@@ -214,12 +232,12 @@ impl<'a, W: Write> Recorder<'a, W> {
     }
 
     /// Ends the files of a run that stopped early. Gives what each motor made, and the file that could not be written.
-    pub fn close(self) -> (Vec<Made>, Option<Access>) {
+    pub fn close(self) -> (Vec<RecordedSteps>, Option<Unwritten>) {
         (self.made, self.unwritten.or(self.files.and_then(|files| files.finish().err())))
     }
 
     /// Ends the files where one of them cannot be written.
-    fn written(&mut self, result: Result<(), Access>) {
+    fn written(&mut self, result: Result<(), Unwritten>) {
         if let Err(error) = result {
             self.unwritten.get_or_insert(error);
             self.files = None;
