@@ -14,7 +14,13 @@ use pulsetrain_core::{Item, Segment};
 use pulsetrain_testkit::model::ModelPort;
 use std::time::Duration;
 
-#[allow(dead_code, unused_imports, unreachable_pub, reason = "the rest is for the tests of the board")]
+#[allow(
+    dead_code,
+    unused_imports,
+    unreachable_pub,
+    clippy::disallowed_methods,
+    reason = "the rest is for the tests of the board"
+)]
 #[path = "../../board/tests/it/chips/winch_avr.rs"]
 mod winch_avr;
 
