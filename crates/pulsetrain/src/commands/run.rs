@@ -219,7 +219,7 @@ fn perform_with(
     // From here on Ctrl-C stops the motors.
     interrupt::watch();
     let edges = Edges::of(&prepared.program);
-    let (ran, runner) = match BoardKind::named(&prepared.program.board.name).filter(|_| !how.native) {
+    let (ran, runner) = match BoardKind::emulated(&prepared.program.board.name).filter(|_| !how.native) {
         Some(kind) => {
             let mut driven = Driven::on_virtual(kind, &prepared, baud).map_err(drive_problem)?;
             let firmware = human::version(driven.board_mut().info().firmware);

@@ -2,7 +2,7 @@
 
 use crate::live::{Stage, TEXT, one_change, staged, together};
 use pulsetrain::live::{Happened, LiveEvent, Show};
-use pulsetrain_board::registry::Role;
+use pulsetrain_board::profiles::Role;
 use pulsetrain_board::{BoardKind, Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_session::drive::{Driven, connect_as};

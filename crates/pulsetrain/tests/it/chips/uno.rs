@@ -8,7 +8,7 @@ use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Remote, RemoteError, Setup};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::boards::uno::PinKind;
 use pulsetrain_motion::{Time, boards};
 use pulsetrain_session::drive::{DriveError, Driven};
 use pulsetrain_session::prepare::Prepared;
@@ -79,7 +79,7 @@ fn constants_are_what_is_measured() {
         ((12, 13), PinKind::PortB),
     ] {
         let mut prepared = swing(pins);
-        prepared.program.board = boards::find("uno").expect("the Uno's row").board;
+        prepared.program.board = boards::find("uno").expect("the Uno's row").limits();
         assert_eq!(PinKind::of(&prepared.program.motors), Ok(kind));
         let made = make(&prepared, LATE as f64, |_| {}).expect("it begins");
         let seen = made.seen;
