@@ -254,7 +254,7 @@ mod tests {
     #[test]
     fn what_is_found_is_a_table_and_nothing_is_told_as_such() {
         assert_eq!(text(Vec::new()), NONE);
-        let drive = found_drive(Path::new("/media/me/RPI-RP2"));
+        let drive = found_drive(BoardKind::of(&pulsetrain_board::profiles::PICO), Path::new("/media/me/RPI-RP2"));
         let text = text(vec![drive]);
         assert!(text.contains("/media/me/RPI-RP2") && text.contains("waiting for an image"), "{text}");
         assert!(!text.contains("no serial port was found"), "{text}");

@@ -98,7 +98,7 @@ fn motors_join_the_motion_again_after_the_host_was_too_slow() {
     let asleep = Arc::new(Mutex::new(Duration::ZERO));
     let (desk, mut prepared) = staged(TEXT);
     prepared.over_line(None);
-    let port = Sleepy { board: kind().virtual_board(Role::Plans), asleep: Arc::clone(&asleep) };
+    let port = Sleepy { board: kind().virtual_board(Role::Plans).unwrap(), asleep: Arc::clone(&asleep) };
     let driven = Driven::with(&prepared, |program| connect_as(port, program, Baud::B1M, 1)).unwrap();
     let mut stage = Stage::new(Show::new(driven, desk, true));
     for times in 1..=2 {
@@ -124,7 +124,7 @@ fn a_stop_ends_the_motion_although_the_host_was_too_slow() {
     let asleep = Arc::new(Mutex::new(Duration::ZERO));
     let (desk, mut prepared) = staged(TEXT);
     prepared.over_line(None);
-    let port = Sleepy { board: kind().virtual_board(Role::Plans), asleep: Arc::clone(&asleep) };
+    let port = Sleepy { board: kind().virtual_board(Role::Plans).unwrap(), asleep: Arc::clone(&asleep) };
     let driven = Driven::with(&prepared, |program| connect_as(port, program, Baud::B1M, 1)).unwrap();
     let mut stage = Stage::new(Show::new(driven, desk, true));
     stage.run(1.3);

@@ -28,7 +28,7 @@ const LATE: i64 = 60;
 #[test]
 fn queues_are_as_long_as_the_table_says() {
     let row = boards::find("uno").expect("the Uno's row");
-    for (motors, bytes) in (1..).zip(&row.queue_bytes) {
+    for (motors, bytes) in (1..).zip(row.queue_bytes) {
         let pins = [(2, 5), (3, 6), (4, 7), (12, 13)];
         let motor = |&(step_pin, dir_pin): &(u8, u8)| MotorSetup { step_pin, dir_pin, ..MotorSetup::default() };
         let motors: Vec<MotorSetup> = pins.iter().take(motors).map(motor).collect();
