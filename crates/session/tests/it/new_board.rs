@@ -98,7 +98,7 @@ fn text(step: &str) -> String {
              law.sine = {{ amplitude = \"{amplitude} step\", period = \"1 s\", cycles = 2 }}\n"
         )
     };
-    format!("board = \"dummy\"\n{}{}", motor("a", step, 31, 900), motor("b", "\"A2\"", 33, 400))
+    format!("board = \"dummy\"\n{}{}", motor("a", step, 31, 900), motor("b", "\"A2\"", 23, 400))
 }
 
 fn read(text: &str, boards: Vec<&'static BoardProfile>) -> Result<Contents, FileError> {
@@ -122,12 +122,12 @@ fn prepared(step: &str) -> Result<Prepared, Refusal> {
 
 #[test]
 fn a_board_is_known_by_the_list_that_it_is_in() {
-    let unknown = read(&text("38"), boards::BUILT_IN.to_vec()).unwrap_err().plain();
+    let unknown = read(&text("30"), boards::BUILT_IN.to_vec()).unwrap_err().plain();
     assert!(unknown.contains("unknown board \"dummy\""), "{unknown}");
     assert!(boards::find("dummy").is_none());
     assert_eq!(boards::find_in(&with_dummy(), "Dummy"), Some(&DUMMY));
     let read_at = |step: &str| read(&text(step), with_dummy()).map(|_| ()).map_err(|error| error.plain());
-    assert_eq!(read_at("38"), Ok(()));
+    assert_eq!(read_at("30"), Ok(()));
     let no_pin = read_at("41").unwrap_err();
     assert!(no_pin.contains("the board `dummy` has no pin 41: its pins are 2 to 40"), "{no_pin}");
     let lamp = read_at("13").unwrap_err();
@@ -136,7 +136,7 @@ fn a_board_is_known_by_the_list_that_it_is_in() {
 
 #[test]
 fn its_limits_and_rules_are_those_of_its_profile() {
-    let prepared = prepared("38").unwrap();
+    let prepared = prepared("30").unwrap();
     let board = &prepared.program.board;
     assert_eq!(
         (board.max_motors, board.min_interval_ticks.as_slice(), board.tick_hz),
@@ -152,7 +152,7 @@ fn its_limits_and_rules_are_those_of_its_profile() {
 /// Each edge of the model comes on the tick of the native board that gets the same plan, and both motors make all their steps.
 #[test]
 fn it_is_driven_through_a_port() {
-    let prepared = prepared("38").unwrap();
+    let prepared = prepared("30").unwrap();
     let remote = connect_as(ModelPort::new(), &prepared.program, Baud::B1M, 1).unwrap();
     assert_eq!(remote.kind(), None);
     let before = remote.delivery(100);
@@ -161,7 +161,7 @@ fn it_is_driven_through_a_port() {
     // Its profile says that it reads a byte of a plan in 0.1 ms.
     assert_eq!(remote.delivery(100) - before, 100 * u64::from(TICK_HZ) / 10_000);
     let mut driven = Driven::on_board(&prepared, remote, None).unwrap();
-    // Pin 38 is beyond those of the project's boards.
+    // Pin 30 is none of the Uno's or the Pico's.
     let step = driven.lines.iter().position(|line| line.names.contains(&"a.step".to_owned())).unwrap();
     let mut rises = 0;
     driven.run(&mut |edge: Edge| rises += u64::from(edge.level && usize::from(edge.line) == step), |_| {}).unwrap();
@@ -177,6 +177,6 @@ fn it_is_driven_through_a_port() {
 fn a_board_without_an_emulated_chip_has_no_virtual_one() {
     let kind = BoardKind::of(&DUMMY_DEVICE);
     assert_eq!(BoardKind::named("dummy"), None);
-    let refused = Driven::on_virtual(kind, &prepared("38").unwrap(), kind.usual_baud()).err().unwrap();
+    let refused = Driven::on_virtual(kind, &prepared("30").unwrap(), kind.usual_baud()).err().unwrap();
     assert!(matches!(refused, DriveError::NoVirtualBoard { board: "Dummy" }), "{refused}");
 }
