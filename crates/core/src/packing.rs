@@ -502,9 +502,8 @@ impl Packing {
 
     /// Whether the predicted add is too large for the board's registers. A segment of one step does not set add, so that add2 may have
     /// made it grow over several of these.
-    const fn is_beyond_registers(&self, state: &State, segment: &Segment) -> bool {
-        let max_add = RegisterWidths::with_fraction_bits(self.fraction_bits).max_add();
-        segment.count == 1 && (state.add > max_add || state.add < !max_add)
+    fn is_beyond_registers(&self, state: &State, segment: &Segment) -> bool {
+        RegisterWidths::is_narrow(self.fraction_bits) && segment.count == 1 && i32::try_from(state.add).is_err()
     }
 
     /// The prediction with `corrections` added.

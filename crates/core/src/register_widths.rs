@@ -29,8 +29,14 @@ impl RegisterWidths {
     /// Those of firmware with so many fraction bits, 1 to 32: 16 and fewer belong to narrow registers.
     #[must_use]
     pub const fn with_fraction_bits(fraction_bits: u32) -> RegisterWidths {
-        let widths = if fraction_bits <= Self::NARROW.fraction_bits { Self::NARROW } else { Self::WIDE };
+        let widths = if Self::is_narrow(fraction_bits) { Self::NARROW } else { Self::WIDE };
         RegisterWidths { fraction_bits, ..widths }
+    }
+
+    /// Whether firmware with so many fraction bits has an add of 32 bits.
+    #[must_use]
+    pub const fn is_narrow(fraction_bits: u32) -> bool {
+        fraction_bits <= Self::NARROW.fraction_bits
     }
 
     /// The largest add, ticks · 2^F.
