@@ -12,9 +12,9 @@ use pulsetrain_core::packing::Packing;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
 use pulsetrain_core::{Item, Segment, Tick32};
-use pulsetrain_motion::boards;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
+use crate::Target;
 use crate::error::BakeError;
 use crate::streams::{Gap, LongWaits, Pieces, Shape, Stream, streams};
 use crate::table::PutOff;
@@ -71,12 +71,12 @@ impl Image {
     /// [`BakeError`]: the planner refuses the motion, the motion does not repeat or does not fit, or the firmware
     /// refuses the pins.
     pub fn new(program: &Program) -> Result<Image, BakeError> {
-        if program.board.name != "uno" {
+        if Target::of(program) != Some(Target::Avr) {
             return Err(BakeError::Board { board: program.board.name.clone() });
         }
         check(program)?;
         let mut program = program.clone();
-        let baked = boards::find(&program.board.name).and_then(|row| row.shortest_of_four_baked());
+        let baked = program.board.profile.shortest_of_four_baked();
         if let (Some(of_four), Some(baked)) = (program.board.min_interval_ticks.get_mut(3), baked) {
             *of_four = baked.max(*of_four);
         }

@@ -57,6 +57,7 @@ pub mod rehearsal;
 pub mod sketch;
 mod streams;
 pub mod table;
+mod target;
 
 pub use error::BakeError;
 pub use image::Image;
@@ -64,3 +65,4 @@ pub use parts::Size;
 pub use pico::PicoImage;
 pub use sketch::Sketch;
 pub use table::{PutOff, Room, Row, Table, tables};
+pub use target::Target;

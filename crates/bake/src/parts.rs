@@ -2,6 +2,7 @@
 
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 
+use crate::Target;
 use crate::error::BakeError;
 use crate::table::{Load, PERIOD_BITS, PutOff, Room, Row, Table, Turn, Work, tables};
 
@@ -85,7 +86,7 @@ pub(super) struct Plan<'a> {
 impl Parts {
     /// `bytes`: the flash that is free for rows.
     pub(super) fn of(program: &Program, bytes: usize) -> Result<Parts, BakeError> {
-        if program.board.name != "uno" {
+        if Target::of(program) != Some(Target::Avr) {
             return Err(BakeError::Board { board: program.board.name.clone() });
         }
         if let Some(motor) = program.motors.get(MOST) {

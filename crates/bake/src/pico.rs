@@ -8,6 +8,7 @@ use pulsetrain_core::baked::{LONGEST_PIECE, MAGIC, POINTER, PROGRAM_FLASH_BYTES,
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::program::Program;
 
+use crate::Target;
 use crate::error::BakeError;
 use crate::streams::{Gap, Shape, Stream, streams};
 use crate::table::PutOff;
@@ -61,7 +62,7 @@ impl PicoImage {
     /// # Errors
     /// As [`PicoImage::new`].
     pub fn within(program: &Program, flash_bytes: usize) -> Result<PicoImage, BakeError> {
-        if program.board.name != "pico" {
+        if Target::of(program) != Some(Target::Rp2040) {
             return Err(BakeError::Board { board: program.board.name.clone() });
         }
         drive::connect(VirtualPico::new(), program, Baud::B115200).map_err(Box::new)?;

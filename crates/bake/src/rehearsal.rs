@@ -10,7 +10,7 @@ use std::time::Duration;
 use pulsetrain_board::Port;
 use pulsetrain_board::virtual_uno::{CYCLES_PER_S, VirtualUno};
 use pulsetrain_core::baked::avr::ZERO;
-use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::boards::uno::PinKind;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 use pulsetrain_trace::verdict::{EdgeJudge, Failure, Fault, JudgeError, Options};
 use pulsetrain_trace::{Edge, Line};

@@ -76,10 +76,10 @@ pub(super) fn streams(program: &Program, setup: &Setup, room: usize, shape: Shap
         let end = cycle.map(|(from, period)| (from + period.times(TURNS)).ticks(hz).0.max(0).cast_unsigned());
         let most = room.saturating_mul(if cycle.is_some() { 1 + TURNS as usize } else { 1 });
         let pieces = |direction| {
-            let packing = Packing { fraction_bits: program.board.fraction_bits, gain: wired.gain };
+            let packing = Packing { fraction_bits: program.board.registers.fraction_bits, gain: wired.gain };
             Pieces::new(packing, shape, direction)
         };
-        let (mut plan, mut packed) = (Unrolled::new(program.board.fraction_bits), pieces(Direction::Forward));
+        let (mut plan, mut packed) = (Unrolled::new(program.board.registers.fraction_bits), pieces(Direction::Forward));
         let mut fits = None;
         while end.is_none_or(|end| plan.tick() <= end) {
             let Some(next) = ensemble.next_move(index).map_err(BakeError::Plan)? else { break };
@@ -130,7 +130,7 @@ fn stream(
     // period and the turn's steps.
     // 2^-64 s · ticks/s: ticks · 2^-64.
     let apart = second.at - begin.at - (end.at - begin.at);
-    let wait = cycle.1.raw() * i128::from(hz) + (apart << (64 - program.board.fraction_bits));
+    let wait = cycle.1.raw() * i128::from(hz) + (apart << (64 - program.board.registers.fraction_bits));
     let repeats = Gap { wait, from: end.way, to: second.way };
     let length_s = (cycle.0 + cycle.1).seconds();
     let ((head, first), (turn, then)) = (head.finish(), turn.finish());

@@ -516,7 +516,7 @@ pub fn tables(program: &Program, room: Room) -> Result<Vec<Table>, BakeError> {
         });
         // More moves have more rows than fit: no plan is unrolled further, however long the motion.
         let most = (room.bytes / Row::BYTES).saturating_mul(if cycle.is_some() { 1 + TURNS as usize } else { 1 });
-        let mut plan = Unrolled::new(program.board.fraction_bits);
+        let mut plan = Unrolled::new(program.board.registers.fraction_bits);
         while end.is_none_or(|end| plan.tick() <= end) {
             let Some(next) = ensemble.next_move(index).map_err(BakeError::Plan)? else { break };
             plan.push(next, ensemble.put_off_ticks(index));

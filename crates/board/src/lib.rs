@@ -8,7 +8,7 @@
 //! - `serial`: a serial port of this computer, in real time (the feature `serial`); [`shared`]: a port for several hosts
 //! - [`WithReference`] (`reference`): any board, next to a native board that gets the same items and so knows the tick of each step
 //! - [`replay`]: the steps of motors whose lease ends, computed from the items that were sent
-//! - [`BoardKind`] ([`registry`]): the boards that have a firmware, with their names, rates, images and virtual boards
+//! - [`BoardKind`] ([`profiles`]): the boards that have a firmware, a folder each: their names, lines, images and virtual boards
 //! - [`VirtualBoard`]: what virtual boards have in common. [`virtual_uno`] and [`virtual_pico`] run the firmware on an emulated chip;
 //!   [`native_winch`] speaks StepperWinch's text without a firmware; [`skewed`] gives a virtual board a wrong clock; `bridge` times the Uno's USB
 //! - [`stk500`]: writes an Uno's flash through its bootloader
@@ -20,13 +20,14 @@
 //! # Example
 //! The firmware of the Uno, on an emulated ATmega328P, says what it is:
 //! ```
-//! use pulsetrain_board::{BoardKind, Remote, registry::Role};
+//! use pulsetrain_board::{BoardKind, Remote, profiles::Role};
 //!
-//! let port = BoardKind::Uno.virtual_board(Role::Plans);
+//! let kind = BoardKind::named("uno").unwrap();
+//! let port = kind.virtual_board(Role::Plans).unwrap();
 //! // Each session on a board has another number.
 //! let uno = Remote::open(port, 1)?;
 //! let info = uno.info();
-//! assert_eq!((info.board, info.tick_hz), (BoardKind::Uno.number(), 16_000_000));
+//! assert_eq!((info.board, info.tick_hz), (kind.number(), 16_000_000));
 //! # Ok::<(), pulsetrain_board::RemoteError>(())
 //! ```
 #![forbid(unsafe_code)]
@@ -39,8 +40,8 @@ pub mod native;
 pub mod native_verbs;
 pub mod native_winch;
 mod packer;
+pub mod profiles;
 pub mod reference;
-pub mod registry;
 pub mod remote;
 pub mod replay;
 #[cfg(feature = "serial")]
@@ -211,9 +212,9 @@ pub use link::{Link, LinkError};
 pub use native::{
     Config, Edge, Faults, MotorConfig, Native, Observer, ScheduledStep, StopReport, SwitchRefused, Wiring,
 };
+pub use profiles::BoardKind;
 pub use pulsetrain_emulator::{hex, image};
 pub use reference::WithReference;
-pub use registry::BoardKind;
 pub use remote::{Port, PortError, Remote, RemoteError, Setup};
 #[cfg(feature = "serial")]
 pub use serial::Serial;

@@ -9,7 +9,7 @@
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::link::{Answer, BITS, Link, LinkError};
 use crate::packer::{MAX_LEN, Packer};
-use crate::{AtRest, Board, BoardClock, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
+use crate::{AtRest, Board, BoardClock, BoardKind, Edge, Faults, Observer, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease;
 use pulsetrain_core::packing::Packing;
@@ -65,10 +65,6 @@ const TAKEN_MARGIN_PER_S: u64 = 1000;
 
 /// From a frame's last byte on the line to the board's having obeyed it: USB holds bytes back for 1 ms, and a board that makes steps reads them late.
 const HEARING: Duration = Duration::from_millis(2);
-/// How much longer an Uno at full load takes for each byte of a plan, µs. On the emulated one a Switch behind 199 bytes was answered after 13.7 ms.
-const HEARING_UNO_BYTE_US: u64 = 60;
-/// The Uno's number in [`Info`].
-const UNO: u8 = 1;
 /// One in this many bytes on the line belongs to a frame and not to the plan in it.
 const FRAME_SHARE: usize = 5;
 
@@ -234,7 +230,7 @@ pub enum RemoteError {
         "the board is {is}, but the motion is planned for `{wanted}`: a clock of {wanted_hz} Hz, {wanted_bits} fraction bits"
     )]
     OtherBoard {
-        /// The connected board: [`name_of`](crate::registry::name_of).
+        /// The connected board: [`name_of`](crate::profiles::name_of).
         is: &'static str,
         /// The board that the plan is for, by its name in motion files.
         wanted: String,
@@ -408,6 +404,8 @@ pub struct Remote<P> {
     port: P,
     link: Link,
     info: Info,
+    /// The board's kind, if it is known.
+    kind: Option<BoardKind>,
     clock: BoardClock,
     motors: Vec<RemoteQueue>,
     epoch: Epoch,
@@ -476,6 +474,7 @@ impl<P: Port> Remote<P> {
             port,
             link,
             info,
+            kind: None,
             clock: BoardClock::new(1),
             motors: Vec::new(),
             epoch: Epoch(0),
@@ -503,9 +502,23 @@ impl<P: Port> Remote<P> {
             Reply::Info(info) => remote.info = info,
             _ => return Err(RemoteError::Nonsense),
         }
+        remote.kind = BoardKind::numbered(remote.info.board);
         remote.clock = BoardClock::new(remote.info.tick_hz);
         remote.read_clock()?;
         Ok(remote)
+    }
+
+    /// Which board it is: by its number one of [this project's](BoardKind::ALL), or what [`as_board`](Remote::as_board) said. `None` for a
+    /// model.
+    #[must_use]
+    pub const fn kind(&self) -> Option<BoardKind> {
+        self.kind
+    }
+
+    /// This board, of a kind that is not among this project's: one with a profile of the program's own.
+    #[must_use]
+    pub fn as_board(self, kind: BoardKind) -> Remote<P> {
+        Remote { kind: Some(kind), ..self }
     }
 
     /// The board's Info: kind, firmware, tick rate and limits.
@@ -1245,7 +1258,7 @@ impl<P: Port> Board for Remote<P> {
         let baud = u64::from(self.link.baud().rate());
         // Frames are longer than what is packed in them. A frame of the plan before may be on its way, and the command is one.
         let on_line = BITS * (bytes + bytes / FRAME_SHARE + 2 * MAX_FRAME) as u64;
-        let read_late = if self.info.board == UNO { HEARING_UNO_BYTE_US * bytes as u64 } else { 0 };
+        let read_late = self.kind.map_or(0, |kind| kind.profile().hearing_byte_us) * bytes as u64;
         let time = Duration::from_nanos(on_line * 1_000_000_000 / baud) + HEARING + Duration::from_micros(read_late);
         (time.as_secs_f64() * f64::from(self.info.tick_hz)) as u64
     }

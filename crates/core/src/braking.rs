@@ -36,9 +36,9 @@
 //! # What it costs
 //! A stop takes 1.39 to 2.00 times the v²/2a steps of an ideal one; `crates/core/tests/it/braking.rs` prints it. No division, one multiplication of
 //! two bytes a part. Where registers hold an add of 31 bits, 2^15 ticks with 16 fraction bits, a stop that is slower
-//! than that at its end takes longer: [`RegisterLimits::with_fraction_bits`]. How much longer depends on hz: it is the host's to see to.
+//! than that at its end takes longer: [`RegisterWidths`]. How much longer depends on hz: it is the host's to see to.
 
-use crate::Segment;
+use crate::{RegisterWidths, Segment};
 use core::cmp::Reverse;
 
 /// Most steps of one part, as a power of two.
@@ -188,16 +188,16 @@ pub struct RegisterLimits {
 }
 
 impl RegisterLimits {
-    /// Those of boards with so many fraction bits, 1..=32. With 16 or fewer (an Uno) add has 32 bits and an interval is below 2^24 ticks: from 2^23
-    /// on a motor rests.
-    /// Others have registers of 64 bits: add has no limit, and a motor rests from intervals of 2^30 ticks on, since ticks on a board wrap.
+    /// Those of registers with these widths.
+    #[must_use]
+    pub const fn of(widths: RegisterWidths) -> RegisterLimits {
+        RegisterLimits { most_add: widths.max_add(), longest: widths.rest_interval() }
+    }
+
+    /// Those of [firmware with so many fraction bits](RegisterWidths::with_fraction_bits).
     #[must_use]
     pub const fn with_fraction_bits(fraction_bits: u32) -> RegisterLimits {
-        if fraction_bits <= 16 {
-            RegisterLimits { most_add: i32::MAX as i64, longest: 1 << (23 + fraction_bits) }
-        } else {
-            RegisterLimits { most_add: i64::MAX, longest: 1 << (30 + fraction_bits) }
-        }
+        RegisterLimits::of(RegisterWidths::with_fraction_bits(fraction_bits))
     }
 
     /// The largest add, ticks · 2^F.

@@ -30,7 +30,8 @@
 //! - [`packed_queue`]: packed bytes that wait, and the items in them
 //! - [`packing`]: segments as few bytes
 //! - [`wire`]: frames and messages between host and board, and the board's side of the link
-//! - [`segment`]: the recurrence, exact
+//! - [`segment`]: the recurrence, exact; [`RegisterWidths`]: the registers in which a board has it
+//! - [`boards`]: what each board's firmware and the host must agree on
 //! - [`tick32`]: wrap-safe time
 //!
 //! # What is not
@@ -43,6 +44,7 @@
 pub mod avr;
 pub mod axis;
 pub mod baked;
+pub mod boards;
 pub mod braking;
 pub mod channel;
 pub mod channels;
@@ -53,6 +55,7 @@ pub mod packed_queue;
 pub mod packing;
 pub mod pio;
 pub mod queue;
+mod register_widths;
 pub mod segment;
 pub mod shared_line;
 pub mod tick32;
@@ -65,5 +68,6 @@ pub use channel::Channel;
 pub use lease::{Lapse, Lease};
 pub use merge::Merge;
 pub use queue::{Entry, Epoch, Item, Queue};
+pub use register_widths::RegisterWidths;
 pub use segment::{Direction, Recurrence, Segment};
 pub use tick32::Tick32;

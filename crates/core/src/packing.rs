@@ -51,7 +51,7 @@
 //! prediction is made as after any segment, but the previous count then counts as [`COUNT_AFTER_EXACT`] at least: the segment after
 //! one that was cut was planned in the units that follow the whole one.
 
-use crate::{Direction, Item, Recurrence, Segment, Tick32};
+use crate::{Direction, Item, Recurrence, RegisterWidths, Segment, Tick32};
 
 /// The longest packed item: a reversal and an exact segment.
 pub const MAX_PACKED_LEN: usize = 2 + 4 + 4 + 3 * 8;
@@ -294,7 +294,7 @@ impl Packing {
             return Err(PackError::NoSteps);
         }
         let (reset, state) =
-            if self.is_beyond_32_bits(state, segment) { (2, &State::new(state.direction)) } else { (0, state) };
+            if self.is_beyond_registers(state, segment) { (2, &State::new(state.direction)) } else { (0, state) };
         let layout = self.layout(state, segment);
         Ok(reset + layout.map_or_else(|| Exact::of(segment).len(), |layout| layout.len(segment.count)))
     }
@@ -334,7 +334,7 @@ impl Packing {
                 if direction != start.direction {
                     start = State::new(direction);
                     writer.control(Control::Reverse, &[]);
-                } else if self.is_beyond_32_bits(&start, &segment) {
+                } else if self.is_beyond_registers(&start, &segment) {
                     start = State::new(direction);
                     writer.control(Control::Reset, &[]);
                 }
@@ -500,10 +500,10 @@ impl Packing {
         Ok(Item::Run { segment, direction: state.direction })
     }
 
-    /// Whether the predicted add is too large for an 8-bit board's registers. A segment of one step does not set add, so that add2 may have
+    /// Whether the predicted add is too large for the board's registers. A segment of one step does not set add, so that add2 may have
     /// made it grow over several of these.
-    fn is_beyond_32_bits(&self, state: &State, segment: &Segment) -> bool {
-        self.fraction_bits <= 16 && segment.count == 1 && i32::try_from(state.add).is_err()
+    fn is_beyond_registers(&self, state: &State, segment: &Segment) -> bool {
+        RegisterWidths::is_narrow(self.fraction_bits) && segment.count == 1 && i32::try_from(state.add).is_err()
     }
 
     /// The prediction with `corrections` added.

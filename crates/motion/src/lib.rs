@@ -27,9 +27,8 @@
 //! # What is here
 //! - [`mod@file`]: motion files (TOML) with errors that point at the place; [`template`]: one to begin with
 //! - [`program`]: what a file comes to, in steps, seconds and nanoseconds; [`Grid`]: θ to step times
-//! - [`drivers`], [`boards`]: the tables of drivers' needs and boards' limits; [`electrical`]: what a winding allows;
+//! - [`drivers`]: the table of drivers' needs; [`boards`]: a profile of each board; [`electrical`]: what a winding allows;
 //!   [`full_steps`]: what a motor makes in a revolution
-//! - [`pins`]: which pins of an Uno work together
 //! - [`columns`]: CSV files, with columns by their names and units
 //! - [`law`]: θ(t) as a stream of analytic pieces; [`machine`]: several motors that draw one figure
 //! - [`human`]: numbers as people read them
@@ -40,7 +39,6 @@
 #![cfg_attr(test, allow(clippy::disallowed_methods, reason = "what tests compute may differ in the last digit"))]
 #![forbid(unsafe_code)]
 
-mod board;
 pub mod boards;
 pub mod columns;
 pub mod drivers;
@@ -52,7 +50,6 @@ pub mod human;
 pub mod law;
 pub mod machine;
 mod motor;
-pub mod pins;
 mod power;
 pub mod program;
 pub mod quantity;

@@ -1,18 +1,18 @@
 //! The content of a motion file, checked and in the units of motors: steps, seconds, nanoseconds.
 
-use crate::boards::{self, PinError};
+use crate::boards::PinError;
 use crate::law::Law;
 use crate::machine::Machine;
 use crate::{Grid, Time};
 
-pub use crate::board::{Board, SegmentTicks, SharedSteps};
+pub use crate::boards::{BoardLimits, SegmentTicks, SharedSteps};
 pub use crate::motor::{CoilSequence, DriverTicks, DriverTiming, Limits, Motor, PositionUnits, Scale, Wheel, Wiring};
 
 /// A motion file that has been read and checked: everything that the later stages need.
 #[derive(Clone, Debug)]
 pub struct Program {
     /// The board, with its limits.
-    pub board: Board,
+    pub board: BoardLimits,
     /// The rule that turns θ into step times.
     pub grid: Grid,
     /// Largest |scheduled − exact| that the user accepts.
@@ -58,17 +58,16 @@ impl Program {
     /// This program on another board. The tolerance keeps its value.
     ///
     /// # Errors
-    /// [`BoardError`] if the board drives fewer motors, or is in the table and lacks a pin that the file uses.
-    pub fn with_board(self, board: Board) -> Result<Program, BoardError> {
+    /// [`BoardError`] if the board drives fewer motors, or lacks a pin that the file uses.
+    pub fn with_board(self, board: BoardLimits) -> Result<Program, BoardError> {
         if self.motors.len() > board.max_motors {
             let (motors, limit) = (self.motors.len(), board.max_motors);
             return Err(BoardError::TooManyMotors { board: board.name, motors, limit });
         }
-        if let Some(row) = boards::find(&board.name) {
-            for motor in &self.motors {
-                for pin in motor.wiring.pins() {
-                    row.pin(i64::from(pin)).map_err(|error| BoardError::Pin { motor: motor.name.clone(), error })?;
-                }
+        for motor in &self.motors {
+            for pin in motor.wiring.pins() {
+                let found = board.profile.pin(i64::from(pin));
+                found.map_err(|error| BoardError::Pin { motor: motor.name.clone(), error })?;
             }
         }
         Ok(Program { board, ..self })
@@ -116,7 +115,7 @@ impl Tolerance {
 
     /// The default: 1 tick if the board times its edges in hardware, else 1 µs.
     #[must_use]
-    pub fn default_of(board: &Board) -> Tolerance {
+    pub fn default_of(board: &BoardLimits) -> Tolerance {
         if board.hardware_timed { Tolerance::Ticks(1.0) } else { Tolerance::Seconds(1e-6) }
     }
 }

@@ -3,7 +3,7 @@
 use crate::certificate::Certificate;
 use crate::error::PlanError;
 use pulsetrain_core::braking::{LARGEST_EXPONENT, Limit};
-use pulsetrain_motion::program::{Board, Limits};
+use pulsetrain_motion::program::{BoardLimits, Limits};
 use pulsetrain_motion::whole_power;
 
 /// Without a limit for braking, a motor brakes so hard that it stops within this time, s.
@@ -57,9 +57,9 @@ pub struct Stopping {
 ///
 /// # Errors
 /// [`PlanError::BrakesTooHard`] if the board cannot brake so softly.
-pub fn stopping(peaks: &Certificate, limits: &Limits, board: &Board) -> Result<Stopping, PlanError> {
+pub fn stopping(peaks: &Certificate, limits: &Limits, board: &BoardLimits) -> Result<Stopping, PlanError> {
     let (speed, pull_in) = (peaks.peak_speed.0, limits.pull_in);
-    let least = softest_braking(speed, board.tick_hz, board.fraction_bits);
+    let least = softest_braking(speed, board.tick_hz, board.registers.fraction_bits);
     let acceleration = match limits.max_acceleration {
         Some(limit) if limit < least && speed > pull_in => {
             return Err(PlanError::BrakesTooHard { speed, limit, least });
@@ -68,8 +68,8 @@ pub fn stopping(peaks: &Certificate, limits: &Limits, board: &Board) -> Result<S
         None => rounded_down(peaks.peak_acceleration.0.max(speed / SOFTEST_STOP_S)).max(least),
     };
     // If the board's numbers cannot hold it, the motor hardly moves.
-    let limit =
-        braking_limit(acceleration, pull_in, board.tick_hz, board.fraction_bits).unwrap_or(Limit::WITHIN_A_STEP);
+    let limit = braking_limit(acceleration, pull_in, board.tick_hz, board.registers.fraction_bits)
+        .unwrap_or(Limit::WITHIN_A_STEP);
     Ok(Stopping { limit, slow: pull_in.max((2.0 * acceleration).sqrt()) })
 }
 

@@ -109,7 +109,7 @@ impl Ensemble {
                 let is_one = steps.is_some();
                 let known = groups.iter().position(|(p, _)| is_one || (pin.is_some() && *p == pin));
                 let group = known.unwrap_or_else(|| {
-                    groups.push((pin, SharedDir::new(settings.fraction_bits, steps)));
+                    groups.push((pin, SharedDir::new(settings.registers.fraction_bits, steps)));
                     groups.len() - 1
                 });
                 let timing = program.timing(motor).ticks(program.board.tick_hz);

@@ -6,14 +6,15 @@
 //! made the last step that the board knew of, because the board's lease must be extended before it ends.
 //!
 //! Between the two there must be a delay, which grows with the bytes that the board has recently had to read: see
-//! [`LineRow`](boards::LineRow).
+//! [`LineTiming`].
 
 use crate::Move;
 use crate::error::PlanError;
 use crate::packed::Meter;
 use crate::settings::Settings;
 use pulsetrain_core::wire::message::QUEUE_PARTS;
-use pulsetrain_motion::boards;
+#[cfg(doc)]
+use pulsetrain_motion::boards::LineTiming;
 use pulsetrain_motion::program::Program;
 use pulsetrain_motion::whole_power;
 use std::collections::VecDeque;
@@ -65,12 +66,12 @@ impl Line {
     /// The line to a program's board. `None` if plans do not reach the board over this way.
     #[must_use]
     pub fn of(program: &Program, way: Way) -> Option<Line> {
-        let row = boards::find(&program.board.name)?;
-        let line = row.line?;
+        let profile = program.board.profile;
+        let line = profile.line?;
         let tick_hz = program.board.tick_hz;
         let motors = program.motors.len();
-        let queue = *row.queue_bytes.get(motors - 1).or(row.queue_bytes.last())? as usize;
-        let longest = *row.queue_bytes.iter().max()? as usize;
+        let queue = *profile.queue_bytes.get(motors - 1).or(profile.queue_bytes.last())? as usize;
+        let longest = *profile.queue_bytes.iter().max()? as usize;
         let all_bytes_per_s = match way {
             Way::Uart(baud) => f64::from(baud) / BITS,
             Way::Usb => f64::from(line.usb_bytes_per_s?),

@@ -16,7 +16,8 @@ pub(crate) struct Meter {
 
 impl Meter {
     pub(crate) fn new(settings: &Settings) -> Meter {
-        let packing = Packing { fraction_bits: settings.fraction_bits, gain: settings.gain().unwrap_or(i8::MAX) };
+        let packing =
+            Packing { fraction_bits: settings.registers.fraction_bits, gain: settings.gain().unwrap_or(i8::MAX) };
         Meter { packing, state: State::default(), bytes: 0, segments: 0 }
     }
 

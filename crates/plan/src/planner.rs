@@ -23,6 +23,8 @@ const TOUCH_TICKS: f64 = 1e-3;
 const BEND_ROUNDINGS: f64 = 64.0;
 /// Waits longer than this are dwells, ticks: 24 bits serve every board's interval.
 pub const LONGEST_WAIT_TICKS: u32 = 1 << 24;
+/// Largest add of a segment, ticks · 2^F, where registers have room for more.
+const MAX_PLANNED_ADD: i64 = 1 << 56;
 /// Loosest fit of a segment, ticks. Looser fits save few bytes, and such steps come too close to their neighbours.
 const LOOSEST_FIT_TICKS: f64 = 1024.0;
 /// Largest distance of a piece from its own origin, steps. Beyond it f64 has no half steps.
@@ -135,10 +137,10 @@ impl Planner {
             return Err(PlanError::ToleranceTooTight { tolerance_ticks, least_ticks: MIN_TOLERANCE_TICKS });
         }
         let rules = Rules {
-            fraction_bits: settings.fraction_bits,
+            fraction_bits: settings.registers.fraction_bits,
             tolerance: tolerance_ticks.min(LOOSEST_FIT_TICKS),
             gain: settings.gain(),
-            largest_add: if settings.fraction_bits <= 16 { i64::from(i32::MAX) } else { 1 << 56 },
+            largest_add: settings.registers.max_add().min(MAX_PLANNED_ADD),
             longest_wait: f64::from(LONGEST_WAIT_TICKS),
             longest: if settings.packed { u32::from(u16::MAX) } else { 1 << 24 },
             min_interval: i64::try_from(settings.min_interval_ticks).unwrap_or(i64::MAX),
@@ -149,7 +151,7 @@ impl Planner {
             rules,
             registers: Registers {
                 tick: 0,
-                fraction: 1 << (settings.fraction_bits - 1),
+                fraction: 1 << (settings.registers.fraction_bits - 1),
                 predicted: Segment::default(),
                 count: 4,
             },

@@ -1,6 +1,7 @@
 //! The limits and units that the planner must keep.
 
 use crate::load::Load;
+use pulsetrain_core::RegisterWidths;
 use pulsetrain_motion::Grid;
 use pulsetrain_motion::program::{Limits, Motor, Program};
 
@@ -9,8 +10,8 @@ use pulsetrain_motion::program::{Limits, Motor, Program};
 pub struct Settings {
     /// Ticks per second.
     pub tick_hz: u64,
-    /// F of the board's recurrence: 16..=32.
-    pub fraction_bits: u32,
+    /// The registers of the board's recurrence, with 16 to 32 fraction bits.
+    pub registers: RegisterWidths,
     /// Bound on |scheduled − exact|, ticks, at least 0.55.
     pub tolerance_ticks: f64,
     /// Whether segments are chosen for the packed stream (fewest bytes), or in full resolution (fewest segments).
@@ -29,12 +30,13 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// A tolerance of 1 tick, the `nearest` grid, packed segments, and no other limit.
+    /// A tolerance of 1 tick, the `nearest` grid, packed segments, and no other limit, for [firmware with so many fraction
+    /// bits](RegisterWidths::with_fraction_bits).
     #[must_use]
     pub fn new(tick_hz: u64, fraction_bits: u32) -> Settings {
         Settings {
             tick_hz,
-            fraction_bits,
+            registers: RegisterWidths::with_fraction_bits(fraction_bits),
             tolerance_ticks: 1.0,
             packed: true,
             grid: Grid::NEAREST,
@@ -97,7 +99,8 @@ impl Settings {
             reversal_ticks: timing.reversal() + u64::from(board.turn_ticks),
             load,
             limits: motor.limits,
-            ..Settings::new(board.tick_hz, board.fraction_bits)
+            registers: board.registers,
+            ..Settings::new(board.tick_hz, board.registers.fraction_bits)
         }
     }
 }

@@ -110,7 +110,7 @@ impl SharedDir {
             min_interval_ticks: settings.min_interval_ticks as i64,
             tick_hz: settings.tick_hz as f64,
             last: last_step.map(|(tick, _)| tick),
-            accumulator: 1 << (settings.fraction_bits - 1),
+            accumulator: 1 << (settings.registers.fraction_bits - 1),
             segment: None,
             unchanged: 0,
             late: 0,

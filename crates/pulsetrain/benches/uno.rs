@@ -17,7 +17,7 @@ use common::rows::{
 };
 use common::uno::kind_of;
 use pulsetrain_core::wire::Baud;
-use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::boards::uno::PinKind;
 use pulsetrain_testkit::TICK_HZ;
 use std::thread;
 

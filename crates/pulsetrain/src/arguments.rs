@@ -137,13 +137,13 @@ impl From<Alignment> for Align {
 
 /// Reads the name of a board that has a firmware.
 pub(crate) fn board_kind() -> impl TypedValueParser<Value = BoardKind> {
-    PossibleValuesParser::new(BoardKind::NAMES).try_map(|name| BoardKind::named(&name).ok_or("no such board"))
+    PossibleValuesParser::new(BoardKind::names()).try_map(|name| BoardKind::named(&name).ok_or("no such board"))
 }
 
 pub(crate) fn board(name: &str) -> Result<String, String> {
-    let names = boards::table().into_iter().map(|row| row.board.name);
+    let names = boards::BUILT_IN.iter().map(|board| board.name);
     match (boards::find(name), boards::renamed(name)) {
-        (Some(row), _) => Ok(row.board.name),
+        (Some(board), _) => Ok(board.name.to_owned()),
         (None, Some(board)) => Err(format!("say {board}: its firmware has these rates now")),
         (None, None) => Err(format!("no such board; there are {}", names.collect::<Vec<_>>().join(", "))),
     }
@@ -269,13 +269,13 @@ pub(crate) fn voltage(text: &str) -> Result<f64, String> {
 mod tests {
     use super::*;
 
-    /// The registry of firmware and the table of limits are joined by the name.
+    /// The profiles for connections and those for plans are joined by the name.
     #[test]
     fn every_board_with_a_firmware_has_limits() {
         for kind in BoardKind::ALL {
             assert!(boards::find(kind.name()).is_some(), "{kind:?}");
             assert_eq!(BoardKind::named(kind.name()), Some(kind));
+            assert_eq!(BoardKind::numbered(kind.number()), Some(kind));
         }
-        assert_eq!(BoardKind::NAMES, BoardKind::ALL.map(BoardKind::name));
     }
 }

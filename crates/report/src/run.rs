@@ -167,7 +167,7 @@ pub fn run<W: Write>(
     if !progress.may_begin() {
         return Err(RunError::NotBegun);
     }
-    match BoardKind::named(&prepared.program.board.name).filter(|_| !options.native) {
+    match BoardKind::emulated(&prepared.program.board.name).filter(|_| !options.native) {
         Some(kind) => {
             let baud = options.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
             let mut driven = Driven::on_virtual(kind, prepared, baud)?;

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
 
 use pulsetrain_board::native::{ConfigError, Faults};
-use pulsetrain_board::registry::{Role, name_of};
+use pulsetrain_board::profiles::{Role, name_of};
 use pulsetrain_board::remote::{image_name, in_words};
 use pulsetrain_board::{
     AtRest, BoardKind, Config, Edge, Leased, LinkError, MotorConfig, Native, Observer, Port, Remote, RemoteError,
@@ -18,7 +18,7 @@ use pulsetrain_core::wire::message::{Cause, MotorSetup, image};
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::program::{self, CoilSequence, DriverTiming, Motor, Program};
 use pulsetrain_motion::time::Rate;
-use pulsetrain_motion::{Time, boards, human};
+use pulsetrain_motion::{Time, human};
 use pulsetrain_plan::{PlanError, Refused, Settings};
 use pulsetrain_trace::{Line, lines};
 
@@ -48,6 +48,12 @@ pub enum DriveError {
     /// The native board cannot be wired so.
     #[error("the native board cannot run this motion: {0}")]
     Config(#[from] ConfigError),
+    /// The board has no emulated chip.
+    #[error("there is no virtual {board}")]
+    NoVirtualBoard {
+        /// Its name in sentences.
+        board: &'static str,
+    },
     /// The board at the other end of the line.
     #[error(transparent)]
     Remote(#[from] RemoteError),
@@ -154,7 +160,7 @@ impl DriveError {
             SessionError::Law { motor, error } => DriveError::Plan { motor: name(motor), error: error.into() },
             SessionError::Stopped { motor, at_s, late_s } => DriveError::TooLate { motor: name(motor), at_s, late_s },
             SessionError::QueueTooShort { motor, at_s, capacity } => {
-                let queue_bytes = boards::find(&program.board.name).map_or_else(Vec::new, |row| row.queue_bytes);
+                let queue_bytes = program.board.profile.queue_bytes.to_vec();
                 DriveError::QueueTooShort { motor: name(motor), at_s, capacity, queue_bytes }
             }
             error => DriveError::Session(error),
@@ -223,10 +229,11 @@ impl Driven<WithReference<Remote<Box<dyn VirtualBoard>>>> {
     /// expects bytes to take.
     ///
     /// # Errors
-    /// As [`Driven::native`], and when the firmware refuses the configuration.
+    /// As [`Driven::native`]; when the board has no emulated chip, or the firmware refuses the configuration.
     pub fn on_virtual(kind: BoardKind, prepared: &Prepared, baud: Baud) -> Result<Self, DriveError> {
         // A new board had no session before. With a constant session number all runs are equal to the cycle.
-        Driven::with(prepared, |program| connect_as(kind.virtual_board(Role::Plans), program, baud, 1))
+        let port = kind.virtual_board(Role::Plans).ok_or(DriveError::NoVirtualBoard { board: kind.title() })?;
+        Driven::with(prepared, |program| connect_as(port, program, baud, 1))
     }
 }
 
@@ -263,7 +270,7 @@ impl<P: Port> Driven<WithReference<Remote<P>>> {
         let edges = remote.port().has_edges().then(|| Edges::of(program));
         let lines = lines::of(program);
         let place = |pin: u8| place_of(&lines, pin);
-        let places = (0..=BoardKind::LAST_PIN).map(place).collect();
+        let places = (0..=*program.board.profile.pins.end()).map(place).collect();
         let board = WithReference::new(remote, native(program, Native::unbounded)?);
         Driven::begin(board, prepared, lines, places, edges, begin)
     }
@@ -351,12 +358,14 @@ fn check_board<P: Port>(remote: &mut Remote<P>, program: &Program) -> Result<(),
     let (board, info) = (&program.board, remote.info());
     // A calibrated plan has the board's tick rate as the host's clock measured it, not the nominal one.
     let off_hz = u64::from(info.tick_hz).abs_diff(board.tick_hz) as f64;
-    if off_hz > board.tick_hz as f64 * WORST_CLOCK_PPM * 1e-6 || u32::from(info.fraction_bits) != board.fraction_bits {
+    if off_hz > board.tick_hz as f64 * WORST_CLOCK_PPM * 1e-6
+        || u32::from(info.fraction_bits) != board.registers.fraction_bits
+    {
         return Err(RemoteError::OtherBoard {
             is: name_of(info),
             wanted: board.name.clone(),
             wanted_hz: board.tick_hz,
-            wanted_bits: board.fraction_bits,
+            wanted_bits: board.registers.fraction_bits,
         });
     }
     match info.image {
@@ -1082,7 +1091,7 @@ fn config(program: &Program) -> Config {
         .motors
         .iter()
         .map(|motor| MotorConfig { wiring: wiring(motor, &lines, program), pull_in_ticks: pull_in_ticks(motor, hz) });
-    Config { fraction_bits: program.board.fraction_bits, motors: motors.collect() }
+    Config { fraction_bits: program.board.registers.fraction_bits, motors: motors.collect() }
 }
 
 fn wiring(motor: &Motor, lines: &[Line], program: &Program) -> Wiring {

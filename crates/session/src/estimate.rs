@@ -4,7 +4,7 @@ use pulsetrain_board::BoardKind;
 use std::fmt::{self, Display};
 
 use pulsetrain_motion::law::Workload;
-use pulsetrain_motion::program::{Board, Motor, Wiring};
+use pulsetrain_motion::program::{BoardLimits, Motor, Wiring};
 use pulsetrain_motion::{Time, human};
 use pulsetrain_trace::{steps, vcd_file};
 use schemars::JsonSchema;
@@ -105,14 +105,14 @@ impl Estimate {
         }
         let files = matches!(task, Task::Native { files: true } | Task::Virtual | Task::Port);
         let native_s = all.steps * NATIVE_STEP_S + motion_s * NATIVE_SECOND_S;
-        let emulated = BoardKind::named(&program.board.name);
+        let emulation = BoardKind::named(&program.board.name).and_then(|kind| kind.profile().emulation);
         Estimate {
             motion_s,
             steps: all.steps,
             planning_s,
             running_s: match task {
                 Task::Plan | Task::Port => None,
-                Task::Virtual => Some(emulated.map_or(native_s, |kind| motion_s / kind.emulation_speed())),
+                Task::Virtual => Some(emulation.map_or(native_s, |emulation| motion_s / emulation.speed)),
                 Task::Native { .. } => Some(native_s),
             },
             file_bytes: files.then_some(row_bytes),
@@ -163,7 +163,7 @@ fn segments_of(workload: Workload) -> f64 {
 }
 
 /// About how many bytes of steps.csv and trace.vcd a step takes.
-fn bytes_of_step(motor: &Motor, board: &Board, motion_s: f64) -> f64 {
+fn bytes_of_step(motor: &Motor, board: &BoardLimits, motion_s: f64) -> f64 {
     let edges = match motor.wiring {
         // Two edges of a pulse, and now and then one of DIR.
         Wiring::StepDir { .. } => 2.1,

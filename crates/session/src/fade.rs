@@ -835,7 +835,7 @@ impl<B: Leased> Session<B> {
     /// # wider.motors[0].law = wider.motors[0].law.clone().scaled(0.5).unwrap();
     /// # let wiring = Wiring::StepDir { step: 0, dir: 1, forward_high: true, pulse_ticks: 16, setup_ticks: 16 };
     /// # let motors = vec![MotorConfig { wiring, pull_in_ticks: 1 }];
-    /// # let board = Native::new(&Config { fraction_bits: program.board.fraction_bits, motors }).unwrap();
+    /// # let board = Native::new(&Config { fraction_bits: program.board.registers.fraction_bits, motors }).unwrap();
     /// # let mut nobody = |_: Edge| {};
     /// let mut session = Session::new(board, program)?;
     /// session.advance(session.zero() + 1_000_000, &mut nobody)?;

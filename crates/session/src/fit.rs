@@ -163,10 +163,9 @@ pub fn other_boards(prepared: &Prepared) -> Vec<String> {
 /// As [`other_boards`]; `None` once `another` says that there is no time for another plan.
 fn boards_that_fit(prepared: &Prepared, another: impl Fn() -> bool) -> Option<Vec<String>> {
     let mut able = Vec::new();
-    for row in boards::table().into_iter().filter(|row| row.board.name != prepared.program.board.name) {
-        let name = row.board.name.clone();
-        let Ok(mut program) = prepared.program.clone().with_board(row.board.clone()) else { continue };
-        if prepare::wire(&mut program, &row).is_err() {
+    for profile in boards::BUILT_IN.iter().filter(|profile| profile.name != prepared.program.board.name) {
+        let Ok(mut program) = prepared.program.clone().with_board(profile.limits()) else { continue };
+        if prepare::wire(&mut program).is_err() {
             continue;
         }
         if !another() {
@@ -174,7 +173,7 @@ fn boards_that_fit(prepared: &Prepared, another: impl Fn() -> bool) -> Option<Ve
         }
         let line = prepared.line.as_ref().and_then(|_| prepare::usual_line(&program));
         if plans::all_fit(&program, line.as_ref(), 1.0) {
-            able.push(name);
+            able.push(profile.name.to_owned());
         }
     }
     Some(able)
@@ -340,16 +339,14 @@ fn pulse_limit(prepared: &Prepared, motor: &Motor, settings: &Settings) -> Optio
     let (name, board) = (&motor.name, &program.board.name);
     let time = |ns: u32| human::seconds(f64::from(ns) * 1e-9);
     let timing = program.timing(motor);
-    let row = boards::find(board);
+    let profile = program.board.profile;
     // The rate that would fit with pulses of at most so many nanoseconds, if it is higher than now.
     let rate_with = |ns: u32| {
         let mut shorter = program.clone();
         for motor in &mut shorter.motors {
             motor.timing.pulse_high_ns = motor.timing.pulse_high_ns.min(ns);
         }
-        if let Some(row) = &row {
-            shorter.board.min_interval_ticks = row.shortest_intervals(&shorter.motors);
-        }
+        shorter.board.min_interval_ticks = profile.shortest_intervals(&shorter.motors);
         let least = Settings::of(&shorter, motor).min_interval_ticks;
         (least < settings.min_interval_ticks).then(|| human::scaled(settings.tick_hz as f64 / least as f64, "steps/s"))
     };
@@ -366,7 +363,7 @@ fn pulse_limit(prepared: &Prepared, motor: &Motor, settings: &Settings) -> Optio
              motor {other} helps, or a board of its own"
         ));
     }
-    if let Some(together) = row.as_ref().and_then(|row| row.longest_pulse_together(&program.motors))
+    if let Some(together) = profile.longest_pulse_together(&program.motors)
         && let Some(rate) = rate_with(together)
     {
         let whose = longest.unwrap_or(motor);

@@ -155,7 +155,7 @@ impl<B: Leased> Session<B> {
     /// # let program = pulsetrain_motion::file::read(&text, "example.toml", &no_files).unwrap();
     /// # let wiring = Wiring::StepDir { step: 0, dir: 1, forward_high: true, pulse_ticks: 16, setup_ticks: 16 };
     /// # let motors = vec![MotorConfig { wiring, pull_in_ticks: 1 }];
-    /// # let board = Native::new(&Config { fraction_bits: program.board.fraction_bits, motors }).unwrap();
+    /// # let board = Native::new(&Config { fraction_bits: program.board.registers.fraction_bits, motors }).unwrap();
     /// # let mut nobody = |_: Edge| {};
     /// let mut session = Session::new(board, program)?;
     /// session.advance(session.zero() + 1_000_000, &mut nobody)?;
@@ -554,7 +554,7 @@ pub(crate) fn prove<B: Board>(
     begin: u64,
     board: &B,
 ) -> Result<Vec<usize>, SessionError> {
-    let fraction_bits = program.board.fraction_bits;
+    let fraction_bits = program.board.registers.fraction_bits;
     let mut ensemble = Ensemble::from(program, starts)?;
     let motors = program.motors.len();
     let mut sizes = Vec::with_capacity(motors);

@@ -5,8 +5,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use pulsetrain_motion::boards;
-use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::boards::EdgeDelay;
 use pulsetrain_motion::program::Program;
 use pulsetrain_trace::verdict::Options;
 use schemars::JsonSchema;
@@ -165,15 +164,11 @@ pub struct Edges {
 }
 
 impl Edges {
-    /// The values of a program's board; on an Uno they depend on the pins that the program uses.
+    /// The values of a program's board, for the pins that the program uses.
     #[must_use]
     pub fn of(program: &Program) -> Edges {
-        let Some(row) = boards::find(&program.board.name) else { return Edges::default() };
-        match row.pin_kind(&program.motors) {
-            Ok(Some(PinKind::Compare)) => Edges { constant_ticks: PinKind::Compare.constant_ticks(), late_ticks: 0 },
-            Ok(Some(kind)) => Edges { constant_ticks: kind.constant_ticks(), late_ticks: row.lateness_ticks },
-            Ok(None) | Err(_) => Edges::default(),
-        }
+        let EdgeDelay { constant_ticks, late_ticks } = program.board.profile.edge_delay(&program.motors);
+        Edges { constant_ticks, late_ticks }
     }
 
     /// How the edges of a run are judged, with ticks from the laws' time 0: up to `until_s` of the laws, or to their end.

@@ -86,7 +86,7 @@ pub(crate) fn braked_from(timelines: &[Timeline], limits: &[Limit], program: &Pr
     });
     let mut after = timelines.to_vec();
     after.iter_mut().for_each(|timeline| timeline.cut(until));
-    let replay = Replay::new(sent, &lines.apart_ticks, program.board.fraction_bits, Some(until));
+    let replay = Replay::new(sent, &lines.apart_ticks, program.board.registers.fraction_bits, Some(until));
     replay.for_each(|step| after[step.motor].push_step(step.tick, step.direction));
     after
 }

@@ -211,7 +211,7 @@ impl Pace {
         let within = |ticks: u64| ticks.clamp(1, 1 << 28);
         Pace {
             tick_hz,
-            fraction_bits: program.board.fraction_bits,
+            fraction_bits: program.board.registers.fraction_bits,
             lead: reversals.max().unwrap_or(0) + 1,
             link: board.round_trip(),
             repetition: board.repetition(),

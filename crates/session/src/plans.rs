@@ -61,7 +61,7 @@ impl Plans {
     /// # Errors
     /// As [`Ensemble::new`].
     pub fn slowed(program: Arc<Program>, line: Option<&Line>, factor: f64) -> Result<Plans, Refused> {
-        let clocks = vec![Clock::new(program.board.fraction_bits); program.motors.len()];
+        let clocks = vec![Clock::new(program.board.registers.fraction_bits); program.motors.len()];
         let ensemble = Ensemble::slowed(&program, factor)?;
         let supply =
             line.map(|line| Supply::new(line.clone(), (0..clocks.len()).map(|motor| ensemble.settings(motor))));
@@ -87,7 +87,7 @@ impl Plans {
                     let from = clock.tick;
                     let added = self.supply.as_mut().map_or(Ok(()), |supply| supply.add(motor, &next, from));
                     added.map_err(|error| Refused { motor, error })?;
-                    clock.advance(&next, self.program.board.fraction_bits);
+                    clock.advance(&next, self.program.board.registers.fraction_bits);
                     return Ok(Some((motor, from, next)));
                 }
                 None => clock.ended = true,
@@ -199,10 +199,11 @@ pub fn walk(law: &Law, settings: &Settings) -> Result<(), PlanError> {
 #[must_use]
 pub fn fits_until(law: &Law, settings: &Settings, until: Time) -> bool {
     let Ok(mut planner) = Planner::new(law, settings) else { return false };
-    let (mut clock, last_tick) = (Clock::new(settings.fraction_bits), until.seconds() * settings.tick_hz as f64);
+    let (mut clock, last_tick) =
+        (Clock::new(settings.registers.fraction_bits), until.seconds() * settings.tick_hz as f64);
     while (clock.tick as f64) < last_tick {
         match planner.next_move() {
-            Ok(Some(next)) => clock.advance(&next, settings.fraction_bits),
+            Ok(Some(next)) => clock.advance(&next, settings.registers.fraction_bits),
             Ok(None) => break,
             Err(_) => return false,
         }

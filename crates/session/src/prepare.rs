@@ -2,10 +2,9 @@
 
 use pulsetrain_board::BoardKind;
 use pulsetrain_core::wire::Baud;
-use pulsetrain_motion::boards::BoardRow;
+use pulsetrain_motion::boards::PinsError;
 use pulsetrain_motion::file::{Contents, TableColumns};
 use pulsetrain_motion::law::{Cursor, Ease, Law};
-use pulsetrain_motion::pins::PinsError;
 use pulsetrain_motion::program::{BoardError, Limits, Program, TipRecording};
 use pulsetrain_motion::time::Rate;
 use pulsetrain_motion::{Grid, LawError, Time, boards};
@@ -132,13 +131,12 @@ impl Prepared {
     /// When the motion does not fit the board.
     pub fn new(file: String, contents: Contents, board: Option<&str>) -> Result<Prepared, Refusal> {
         let Contents { mut program, tables, recordings, .. } = contents;
-        if let Some(row) = board.and_then(boards::find) {
-            program = program.with_board(row.board).map_err(|error| Refusal::Board { file: file.clone(), error })?;
+        if let Some(profile) = board.and_then(boards::find) {
+            program =
+                program.with_board(profile.limits()).map_err(|error| Refusal::Board { file: file.clone(), error })?;
         }
-        if let Some(row) = boards::find(&program.board.name) {
-            let refuse = |error: PinsError| Refusal::Pins { file: file.clone(), advice: error.advice(), error };
-            wire(&mut program, &row).map_err(refuse)?;
-        }
+        let refuse = |error: PinsError| Refusal::Pins { file: file.clone(), advice: error.advice(), error };
+        wire(&mut program).map_err(refuse)?;
         Ok(Prepared { file, program, cut: None, pause: None, line: None, tables, recordings })
     }
 
@@ -200,11 +198,12 @@ impl Prepared {
 ///
 /// # Errors
 /// If the board cannot drive the pins together.
-pub(crate) fn wire(program: &mut Program, row: &BoardRow) -> Result<(), PinsError> {
-    row.pin_kind(&program.motors)?;
-    program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
-    program.board.turn_ticks = row.turn_ticks(&program.motors);
-    program.board.shared_steps = row.shared_steps(&program.motors);
+pub(crate) fn wire(program: &mut Program) -> Result<(), PinsError> {
+    let profile = program.board.profile;
+    profile.check_pins(&program.motors)?;
+    program.board.min_interval_ticks = profile.shortest_intervals(&program.motors);
+    program.board.turn_ticks = profile.turn_ticks(&program.motors);
+    program.board.shared_steps = profile.shared_steps(&program.motors);
     Ok(())
 }
 

@@ -178,9 +178,9 @@ fn place(why: &DriveError, at_s: Option<f64>, first: Option<&Failure>) -> String
     }
 }
 
-/// The board that a program is for; an Uno, the one that is rehearsed, if it has no firmware.
+/// The board that a program is for; the most common one if it has no firmware.
 fn kind_of(program: &Program) -> BoardKind {
-    BoardKind::named(&program.board.name).unwrap_or(BoardKind::Uno)
+    BoardKind::named(&program.board.name).unwrap_or_default()
 }
 
 impl Failed {

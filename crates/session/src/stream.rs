@@ -105,7 +105,7 @@ impl Stream {
         epoch: Epoch,
         board: &B,
     ) -> Stream {
-        let fraction_bits = program.board.fraction_bits;
+        let fraction_bits = program.board.registers.fraction_bits;
         let lane = |(motor, datum): (usize, Datum)| Lane {
             cursor: Cursor::new(&program.motors[motor].law),
             datum,
@@ -156,7 +156,7 @@ impl Stream {
     /// was sent.
     pub(crate) fn least_handed_over(&self) -> Option<(u64, usize)> {
         let going = self.lanes.iter().enumerate().filter(|(_, lane)| !lane.is_handed_over());
-        going.map(|(motor, lane)| (tick_of(lane.accumulator, self.program.board.fraction_bits), motor)).min()
+        going.map(|(motor, lane)| (tick_of(lane.accumulator, self.program.board.registers.fraction_bits), motor)).min()
     }
 
     /// Sends a part of the plan up to tick `until`, always of the motor whose sent plan ends soonest. Leaves `reserved` room in each queue, in the
@@ -168,7 +168,7 @@ impl Stream {
         reserved: &[usize],
         until: u64,
     ) -> Result<Handed, SessionError> {
-        let fraction_bits = self.program.board.fraction_bits;
+        let fraction_bits = self.program.board.registers.fraction_bits;
         let mut full = vec![false; self.lanes.len()];
         for _ in 0..ITEMS_AT_ONCE * self.lanes.len() {
             let open = (0..self.lanes.len()).filter(|motor| !full[*motor] && !self.lanes[*motor].is_handed_over());
@@ -209,7 +209,7 @@ impl Stream {
 
     /// A motor's first item that was not sent; `None` at its end, or if the next one came out empty.
     fn next_item(&mut self, motor: usize) -> Result<Option<Item>, SessionError> {
-        let fraction_bits = self.program.board.fraction_bits;
+        let fraction_bits = self.program.board.registers.fraction_bits;
         let lane = &mut self.lanes[motor];
         loop {
             if let Some(item) = lane.next.front() {

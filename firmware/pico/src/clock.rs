@@ -5,8 +5,7 @@ use crate::regs;
 use pulsetrain_core::Tick32;
 use pulsetrain_core::wire::Millis;
 
-/// Ticks per second; one tick is one cycle of processor, PIO and DMA.
-pub(crate) const TICK_HZ: u32 = 125_000_000;
+pub(crate) use pulsetrain_core::boards::pico::TICK_HZ;
 
 /// The Pico's crystal.
 const CRYSTAL_HZ: u32 = 12_000_000;

@@ -502,7 +502,7 @@ impl BoardSide for Board {
 
     fn info(&mut self) -> Info {
         Info {
-            board: 2,
+            board: pulsetrain_core::boards::pico::NUMBER,
             firmware: [0, 2, 0],
             tick_hz: TICK_HZ,
             fraction_bits: FRACTION_BITS as u8,

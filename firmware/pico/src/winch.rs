@@ -22,6 +22,10 @@ use pulsetrain_core::winch::letters::InMemory;
 use pulsetrain_core::winch::path::Slice;
 use pulsetrain_core::winch::reply::LineReply;
 use pulsetrain_core::winch::session::Session;
+use pulsetrain_core::boards::pico::{
+    AXIS_ENABLE_PIN as ENABLE_PIN, AXIS_PULSE_TICKS as PULSE_TICKS, AXIS_SETUP_TICKS as SETUP_TICKS,
+    AXIS_STEP_PINS as STEP_PINS,
+};
 use pulsetrain_core::winch::text::{Heard, LineCommand, LineError, LineFault, LineReader};
 use pulsetrain_core::winch::verb_lines::{self as text, LineOrders, VerbLine};
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
@@ -37,18 +41,11 @@ const LOOK_AHEAD_OF_PATHS: u32 = LOOK_AHEAD + DIR_CLEARANCE + SLICE_TICKS / 10;
 /// Slices from a command that enables the drivers to the first in which they may step: [`Board::begin_paths`] needs a millisecond.
 const FIRST_SLICE: u64 = 2;
 
-/// Pulses of 2 µs, and DIR 5 µs before them, ticks.
-const PULSE_TICKS: u16 = 250;
-const SETUP_TICKS: u16 = 625;
 const _: () = assert!(PULSE_TICKS as u32 * 500_000 == TICK_HZ && SETUP_TICKS as u32 * 200_000 == TICK_HZ);
 
 // A change of DIR fits in the clearance: its set-up, and the words of DIR and of the step, which last a pulse and more each.
 const _: () = assert!(SETUP_TICKS as u32 + 4 * PULSE_TICKS as u32 <= DIR_CLEARANCE);
 
-/// GPIOs of the axes' STEP lines. DIR is the next pin; high is forward.
-const STEP_PINS: [u8; 4] = [2, 4, 6, 8];
-/// GPIO of the drivers' common enable line; low is on.
-const ENABLE_PIN: u8 = 22;
 
 /// The axes, as a Configure of frames would have them.
 const AXES: [u8; 4 * MOTOR_SETUP_LEN] = {

@@ -53,7 +53,7 @@ const LIMITS: [(&str, usize, &str); 5] = [
 
 /// Writes the Pico's limits into the table of boards.
 fn write_limits(limits: &[String]) -> Done {
-    let path = root().join("crates/motion/src/boards/pico.rs");
+    let path = root().join("crates/motion/src/boards/pico/measured.rs");
     fs::write(&path, limits_source(limits)?).map_err(|why| Failure::File { path, why })
 }
 

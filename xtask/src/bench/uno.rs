@@ -77,7 +77,7 @@ enum By {
 }
 
 /// The file with the limits, a part of the table of boards.
-const TABLE: &str = "crates/motion/src/boards/uno.rs";
+const TABLE: &str = "crates/motion/src/boards/uno/measured.rs";
 
 /// The limits of one number of motors that go on for ever, ticks.
 struct Limit {
@@ -87,8 +87,6 @@ struct Limit {
     interval: u32,
     late: u32,
     horizon: u32,
-    /// Bytes of the queues.
-    queues: u32,
 }
 
 impl Limit {
@@ -102,15 +100,7 @@ impl Limit {
         };
         let mut number = || fields.next()?.parse().ok();
         let motors = number()? as usize;
-        Some(Limit {
-            by,
-            motors,
-            pulse: number()?,
-            interval: number()?,
-            late: number()?,
-            horizon: number()?,
-            queues: number()?,
-        })
+        Some(Limit { by, motors, pulse: number()?, interval: number()?, late: number()?, horizon: number()? })
     }
 }
 
@@ -143,7 +133,6 @@ fn limits_source(limits: &[Limit]) -> Done<String> {
     };
     let software = limits.iter().filter(|limit| limit.by != By::Compare);
     let late = software.map(|limit| limit.late).max().unwrap_or(0);
-    let queues = limits.iter().map(|limit| limit.queues).min().unwrap_or(0);
     let horizon = limits.iter().map(|limit| limit.horizon).max().unwrap_or(0);
     Ok(format!(
         "//! The Uno's limits, measured on the emulated chip: written by `cargo xtask bench uno`, not by hand. In ticks.\n\n\
@@ -158,9 +147,7 @@ fn limits_source(limits: &[Limit]) -> Done<String> {
          /// Largest |edge − scheduled| beyond the constant.\n\
          pub(super) const LATENESS: u32 = {late};\n\
          /// How far ahead it commits itself at most.\n\
-         pub(super) const HORIZON: u32 = {horizon};\n\
-         /// Bytes of its queues.\n\
-         pub(super) const QUEUES: u32 = {queues};\n",
+         pub(super) const HORIZON: u32 = {horizon};\n",
         PULSES.len(),
         PULSES.map(|pulse| pulse.to_string()).join(", "),
         rows(By::Software, 4)?,

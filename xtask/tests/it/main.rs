@@ -5,4 +5,3 @@ mod dependencies;
 mod names;
 mod no_clock;
 mod tour;
-mod uno_tuning;

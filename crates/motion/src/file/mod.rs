@@ -62,7 +62,7 @@ pub use table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
 pub use text::{MOST_OF_A_MOTION_FILE, csv_text, decoded};
 pub use winch::WinchScript;
 
-use crate::boards::{self, BoardRow};
+use crate::boards::{self, BoardProfile};
 use crate::law::{Cursor, Law};
 use crate::program::{LONGEST_IDLE_MS, Motor, PositionUnits, Program, TipRecording, Tolerance, Wheel};
 use crate::quantity::{Base, nearest};
@@ -132,7 +132,7 @@ pub fn load_winch(path: &Path) -> Result<WinchScript, FileError> {
     let load = |named: &Path| text::read(&folder.join(named), text::MOST_OF_A_NAMED_FILE);
     let sheet = Sheet::parse(&text, &name)?;
     read_with(sheet.source(), sheet.table(), |root| {
-        program(root, sheet.table(), &load)?;
+        program(root, sheet.table(), &load, boards::BUILT_IN)?;
         winch::script(root, &load)
     })
 }
@@ -201,8 +201,8 @@ pub fn first_law(text: &str, motor: &str) -> Option<String> {
     Some(format!("law.{name} = {}", value.split_whitespace().collect::<Vec<_>>().join(" ")))
 }
 
-fn contents_of(root: &Section, table: &Table, load: Loader) -> Read<Contents> {
-    let contents = program(root, table, load)?;
+fn contents_of(root: &Section, table: &Table, load: Loader, boards: &[&'static BoardProfile]) -> Read<Contents> {
+    let contents = program(root, table, load, boards)?;
     Ok(Contents { tables: root.reader.tables.take(), ..contents })
 }
 
@@ -217,13 +217,13 @@ fn read_with<T>(source: &Arc<Source>, table: &Table, what: impl Fn(&Section) -> 
     }
 }
 
-fn program(root: &Section, table: &Table, load: Loader) -> Read<Contents> {
+fn program(root: &Section, table: &Table, load: Loader, boards: &[&'static BoardProfile]) -> Read<Contents> {
     root.check_keys(&["board", "grid", "tolerance", "idle", "motor", "machine", "motion", "live", "cue"]);
-    let board = read_board(root);
+    let board = read_board(root, boards);
     let grid = root.get("grid").map_or(Ok(Grid::NEAREST), |node| read_grid(&node));
     let tolerance = root.get("tolerance").map(|node| read_tolerance(&node)).transpose();
     let idle = root.get("idle").map_or(Ok(None), |node| read_idle(&node));
-    let drafts = motor::read_all(root, board.as_ref().ok());
+    let drafts = motor::read_all(root, board.as_ref().ok().copied());
     let machine_drafts = machine::read_all(root, &drafts);
     let mut homes: Vec<Option<Home>> = machine_drafts.iter().map(|_| None).collect();
     let timelines = read_motions(root, &drafts, &machine_drafts, &mut homes, load);
@@ -231,7 +231,7 @@ fn program(root: &Section, table: &Table, load: Loader) -> Read<Contents> {
         winch::refuse_strays(root.reader);
     }
     let live = live::read(root, table, &drafts, &machine_drafts, load);
-    let board = board?.board;
+    let board = board?.limits();
     let tolerance = tolerance?.unwrap_or_else(|| Tolerance::default_of(&board));
     let mut motors = Vec::new();
     let mut gearings = Vec::new();
@@ -266,12 +266,11 @@ fn program(root: &Section, table: &Table, load: Loader) -> Read<Contents> {
     Ok(Contents { program, tables: Vec::new(), wheels, live: live?, recordings })
 }
 
-fn read_board(root: &Section) -> Read<BoardRow> {
+fn read_board(root: &Section, boards: &[&'static BoardProfile]) -> Read<&'static BoardProfile> {
     let node = root.need("board", "board = \"uno\"")?;
     let name = node.text("board = \"uno\"")?;
-    boards::find(name).ok_or_else(|| {
-        let rows = boards::table();
-        let names: Vec<&str> = rows.iter().map(|row| row.board.name.as_str()).collect();
+    boards::find_in(boards, name).ok_or_else(|| {
+        let names: Vec<&str> = boards.iter().map(|board| board.name).collect();
         let help = match (boards::renamed(name), nearest(name, names.iter().copied())) {
             (Some(board), _) => format!("write `board = \"{board}\"`: its firmware has these rates now"),
             (None, Some(near)) => format!("did you mean \"{near}\"?"),

@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::reader::{Node, Noted, Read, Reader, Section};
 use crate::Time;
-use crate::boards::BoardRow;
+use crate::boards::BoardProfile;
 use crate::drivers::{self, Driver, Input};
 use crate::electrical::{Winding, WindingError};
 use crate::full_steps;
@@ -115,7 +115,7 @@ impl PinRole {
 }
 
 impl Pins {
-    fn take(&mut self, node: &Node, role: PinRole, motor: &str, board: &BoardRow) -> Read<u8> {
+    fn take(&mut self, node: &Node, role: PinRole, motor: &str, board: &BoardProfile) -> Read<u8> {
         let found = match (node.as_whole(), node.as_text()) {
             (Some(number), _) => board.pin(number),
             (None, Some(name)) => board.pin_named(name),
@@ -257,7 +257,7 @@ impl Gearing {
 }
 
 /// Reads one motor's table. Without a board its pins cannot be checked, and there is no wiring.
-pub(super) fn read(node: &Node, board: Option<&BoardRow>, pins: &mut Pins) -> Read<MotorDraft> {
+pub(super) fn read(node: &Node, board: Option<&BoardProfile>, pins: &mut Pins) -> Read<MotorDraft> {
     let name = node.key.to_owned();
     let example = "[motor.wheel] with its steps_per_rev, driver and pins";
     let section = node.section(format!("motor `{name}`"), KEYS, example)?;
@@ -436,7 +436,7 @@ fn read_wiring(
     name: &str,
     driver: Option<&Driver>,
     microsteps: u32,
-    board: &BoardRow,
+    board: &BoardProfile,
     pins: &mut Pins,
 ) -> Read<Wiring> {
     const STEP_DIR: &str = "pins = { step = 8, dir = 9 }";
@@ -497,7 +497,7 @@ fn read_coils(
     node: &Node,
     microsteps: u32,
     name: &str,
-    board: &BoardRow,
+    board: &BoardProfile,
     pins: &mut Pins,
 ) -> Read<Wiring> {
     let list = node.list("in = [2, 3, 4, 5]")?;
@@ -603,7 +603,7 @@ fn read_film_limit(node: &Node, gearing: &Gearing) -> Read<f64> {
 }
 
 /// `[motor]`: all motors, in the file's order.
-pub(super) fn read_all(root: &Section, board: Option<&BoardRow>) -> Vec<(String, Read<MotorDraft>)> {
+pub(super) fn read_all(root: &Section, board: Option<&BoardProfile>) -> Vec<(String, Read<MotorDraft>)> {
     let Ok(node) = root.need("motor", "[motor.wheel] with its steps_per_rev, driver and pins") else {
         return Vec::new();
     };
@@ -618,8 +618,8 @@ pub(super) fn read_all(root: &Section, board: Option<&BoardRow>) -> Vec<(String,
     let nodes = motors.nodes();
     // What is wrong with the file as a whole comes first. Then pins that are used twice are no mistakes of their own.
     let board = match board {
-        Some(row) if nodes.len() > row.board.max_motors => {
-            let (name, most) = (&row.board.name, row.board.max_motors);
+        Some(row) if nodes.len() > row.max_motors => {
+            let (name, most) = (row.name, row.max_motors);
             let message = format!("the board `{name}` drives {most} motors at most, but the file has {}", nodes.len());
             note_board(root.reader, root, message);
             None

@@ -3,6 +3,7 @@
 //! A changed file is read by the same reader as any other. A value that was changed has no place of its own in the text; problems with it point
 //! at its key.
 
+use std::borrow::Cow;
 use std::io;
 use std::ops::Range;
 use std::path::Path;
@@ -13,6 +14,7 @@ use toml_edit::{ArrayOfTables, Document, Item, Table, TableLike, Value};
 use super::problem::FileError;
 use super::source::Source;
 use super::{Contents, NEW, contents_of, read_with, syntax};
+use crate::boards::{self, BoardProfile};
 use crate::quantity::{Quantity, nearest};
 
 /// A motion file, parsed, whose parameters and cues can be set.
@@ -22,6 +24,8 @@ pub struct Sheet {
     table: Table,
     /// Whether anything was changed: then knobs and cues are known, and are not read again.
     is_changed: bool,
+    /// The boards that the file may name.
+    boards: Cow<'static, [&'static BoardProfile]>,
 }
 
 /// A number in a motor's law, by its name.
@@ -141,9 +145,18 @@ impl Sheet {
             Ok(document) if document.as_table().is_empty() => {
                 Err(FileError::whole(&source, format!("{name} is empty"), Some(NEW.to_owned())))
             }
-            Ok(document) => Ok(Sheet { table: document.into_table(), source, is_changed: false }),
+            Ok(document) => {
+                let boards = Cow::Borrowed(boards::BUILT_IN);
+                Ok(Sheet { table: document.into_table(), source, is_changed: false, boards })
+            }
             Err(error) => read_with(&source, &Table::new(), |root| Err(syntax::note(root.reader, text, &error))),
         }
+    }
+
+    /// The file for these boards instead of [this project's](boards::BUILT_IN): a program may have boards of its own.
+    #[must_use]
+    pub fn with_boards(self, boards: Vec<&'static BoardProfile>) -> Sheet {
+        Sheet { boards: Cow::Owned(boards), ..self }
     }
 
     /// The file's outermost table.
@@ -164,12 +177,12 @@ impl Sheet {
     /// [`FileError`] with every problem found.
     pub fn contents(&self, load: &dyn Fn(&Path) -> io::Result<String>) -> Result<Contents, FileError> {
         if !self.is_changed {
-            return read_with(&self.source, &self.table, |root| contents_of(root, &self.table, load));
+            return read_with(&self.source, &self.table, |root| contents_of(root, &self.table, load, &self.boards));
         }
         let mut table = self.table.clone();
         table.remove("live");
         table.remove("cue");
-        read_with(&self.source, &table, |root| contents_of(root, &table, load))
+        read_with(&self.source, &table, |root| contents_of(root, &table, load, &self.boards))
     }
 
     /// Every number in the motors' laws, in the file's order.
@@ -193,7 +206,7 @@ impl Sheet {
     pub fn with(&self, name: &str, value: &ParameterValue) -> Result<Sheet, UnknownParameter> {
         let mut table = self.table.clone();
         set(&mut table, name, value)?;
-        Ok(Sheet { source: Arc::clone(&self.source), table, is_changed: true })
+        Ok(Sheet { source: Arc::clone(&self.source), table, is_changed: true, boards: self.boards.clone() })
     }
 
     /// The file with the motions of a cue in the place of those of the same motors.
@@ -202,7 +215,7 @@ impl Sheet {
         let mut table = self.table.clone();
         let rows = cue_motions(&table, number);
         replace_motions(&mut table, rows);
-        Sheet { source: Arc::clone(&self.source), table, is_changed: true }
+        Sheet { source: Arc::clone(&self.source), table, is_changed: true, boards: self.boards.clone() }
     }
 }
 

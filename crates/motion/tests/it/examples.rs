@@ -70,7 +70,7 @@ fn the_tutorial_and_its_variants() {
 
 #[test]
 fn the_tutorial_runs_on_the_native_board_too() {
-    let program = load("tutorial-0.01s.toml").with_board(boards::find("native").unwrap().board).unwrap();
+    let program = load("tutorial-0.01s.toml").with_board(boards::find("native").unwrap().limits()).unwrap();
     assert_eq!((program.board.tick_hz, program.tolerance), (125_000_000, Tolerance::Ticks(1.0)));
 }
 

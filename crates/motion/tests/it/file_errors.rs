@@ -499,14 +499,14 @@ fn whole_numbers_may_have_an_exponent() {
 
 #[test]
 fn boards_can_be_changed_if_the_pins_are_there() {
-    let other = |name: &str| boards::find(name).unwrap().board;
+    let other = |name: &str| boards::find(name).unwrap().limits();
     let program = read(&GOOD).unwrap();
     assert_eq!(program.clone().with_board(other("native")).unwrap().board.name, "native");
     let on_pico = GOOD.replace("\"uno\"", "\"pico\"").replace("step = 8", "step = 28");
     let error = read(&on_pico).unwrap().with_board(other("uno")).unwrap_err();
     assert!(matches!(error, BoardError::Pin { .. }));
     assert_eq!(error.to_string(), "motor `wheel`: the board `uno` has no pin 28: its pins are 0 to 19");
-    let narrow = pulsetrain_motion::program::Board { max_motors: 0, ..other("uno") };
+    let narrow = pulsetrain_motion::boards::BoardLimits { max_motors: 0, ..other("uno") };
     assert!(matches!(program.with_board(narrow), Err(BoardError::TooManyMotors { motors: 1, limit: 0, .. })));
 }
 

@@ -10,14 +10,14 @@ const MOVES: usize = 40;
 /// Plans the beginning of `law`; every step must come at least the shortest interval after the one before.
 fn plan(law: &Law, settings: &Settings) -> Result<Certificate, PlanError> {
     let mut planner = Planner::new(law, settings)?;
-    let mut accumulator = 1_i128 << (settings.fraction_bits - 1);
+    let mut accumulator = 1_i128 << (settings.registers.fraction_bits - 1);
     let mut last: Option<i128> = None;
     let mut dwells = 0;
     for _ in 0..MOVES {
         match planner.next_move()? {
             None => break,
             Some(Move::Dwell { ticks }) => {
-                accumulator += i128::from(ticks) << settings.fraction_bits;
+                accumulator += i128::from(ticks) << settings.registers.fraction_bits;
                 dwells += 1;
                 if dwells > 3 {
                     break;
@@ -26,12 +26,12 @@ fn plan(law: &Law, settings: &Settings) -> Result<Certificate, PlanError> {
             Some(Move::Run { segment, .. }) => {
                 // The first thousand stand for the rest.
                 for k in 1..=segment.count.min(1000) {
-                    let tick = (accumulator + segment.span(k)) >> settings.fraction_bits;
+                    let tick = (accumulator + segment.span(k)) >> settings.registers.fraction_bits;
                     let apart = last.replace(tick).map_or(i128::MAX, |last| tick - last);
                     assert!(apart >= i128::from(settings.min_interval_ticks), "{apart} ticks apart");
                 }
                 accumulator += segment.span(segment.count);
-                last = Some(accumulator >> settings.fraction_bits);
+                last = Some(accumulator >> settings.registers.fraction_bits);
             }
         }
     }

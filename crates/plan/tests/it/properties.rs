@@ -16,7 +16,7 @@ struct Replay {
 
 fn replay(law: &Law, settings: &Settings) -> Result<Replay, PlanError> {
     let mut planner = Planner::new(law, settings)?;
-    let fraction_bits = settings.fraction_bits;
+    let fraction_bits = settings.registers.fraction_bits;
     let mut registers = Recurrence { accumulator: 1 << (fraction_bits - 1), ..Recurrence::default() };
     let (mut position, mut steps) = (0, Vec::new());
     while let Some(next) = planner.next_move()? {

@@ -1,9 +1,11 @@
 //! Motors on one DIR line: opposite steps are kept apart, and the certificates say what that cost.
 
 use proptest::prelude::*;
-use pulsetrain_core::Direction;
-use pulsetrain_motion::program::{Board, DriverTiming, Limits, Motor, Program, Scale, SharedSteps, Tolerance, Wiring};
-use pulsetrain_motion::{Grid, Law, Time};
+use pulsetrain_core::{Direction, RegisterWidths};
+use pulsetrain_motion::program::{
+    BoardLimits, DriverTiming, Limits, Motor, Program, Scale, SharedSteps, Tolerance, Wiring,
+};
+use pulsetrain_motion::{Grid, Law, Time, boards};
 use pulsetrain_plan::{Certificate, Ensemble, Move, Planner, Refused, Settings};
 
 const TICK_HZ: u64 = 16_000_000;
@@ -51,10 +53,11 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
         driver: None,
     });
     Program {
-        board: Board {
+        board: BoardLimits {
+            profile: &boards::NATIVE,
             name: "test".into(),
             tick_hz: TICK_HZ,
-            fraction_bits: 16,
+            registers: RegisterWidths::NARROW,
             max_motors: 4,
             min_interval_ticks: vec![160],
             hardware_timed: true,
@@ -62,7 +65,6 @@ fn program(laws: Vec<Law>, timing: DriverTiming) -> Program {
             one_timing: false,
             shared_steps: None,
             segment_ticks: Vec::new(),
-            source: "test".into(),
         },
         grid: Grid::NEAREST,
         tolerance: Tolerance::Ticks(1.0),

@@ -2,7 +2,6 @@
 
 use crate::arguments;
 use clap::Args;
-use pulsetrain_board::BoardKind;
 use pulsetrain_motion::Time;
 use std::fs;
 use std::path::Path;
@@ -19,7 +18,7 @@ use crate::console::{self, Console, Exit};
 use crate::diagnostic::advised;
 use crate::load;
 use pulsetrain_bake::rehearsal;
-use pulsetrain_bake::{BakeError, Image, PicoImage, PutOff, Size, Sketch, sketch};
+use pulsetrain_bake::{BakeError, Image, PicoImage, PutOff, Size, Sketch, Target, sketch};
 use pulsetrain_motion::human;
 use pulsetrain_session::estimate::Task;
 use pulsetrain_session::prepare::Prepared;
@@ -127,22 +126,22 @@ pub(crate) fn run(args: &BakeArgs, console: &mut Console<'_>) -> miette::Result<
         prepared.calibrate(ppm);
     }
     // For a board without a firmware the image or the sketch is refused, with the reason.
-    let kind = BoardKind::named(&prepared.program.board.name).unwrap_or(BoardKind::Uno);
-    if !kind.is_rehearsed() && args.rehearse.is_some() {
+    let target = Target::of(&prepared.program).unwrap_or(Target::Avr);
+    if !target.is_rehearsed() && args.rehearse.is_some() {
         let help = "leave --rehearse out: a Pico's limits are of motors that read their motion from its flash";
         return Err(miette!(help = help, "{}: only images for an Uno are rehearsed", prepared.file));
     }
-    match (&args.sketch, &args.output, kind) {
-        (None, Some(path), BoardKind::Pico) => {
+    match (&args.sketch, &args.output, target) {
+        (None, Some(path), Target::Rp2040) => {
             check_ending(path, "uf2", "a Pico's image is UF2")?;
             pico(args, &prepared, path, console)
         }
-        (None, Some(path), BoardKind::Uno) => {
+        (None, Some(path), Target::Avr) => {
             check_ending(path, "hex", "an Uno's image is Intel HEX")?;
             uno(args, &prepared, path, console)
         }
-        (Some(folder), _, BoardKind::Uno) => sketch(args, &prepared, folder, console),
-        (Some(_), _, BoardKind::Pico) => {
+        (Some(folder), _, Target::Avr) => sketch(args, &prepared, folder, console),
+        (Some(_), _, Target::Rp2040) => {
             let help = "--output FILE writes an image, which `pulsetrain flash pico` takes; a sketch can be had for --board uno";
             Err(miette!(help = help, "{}: sketches are for an Uno, and this is for a Pico", prepared.file))
         }

@@ -4,17 +4,18 @@ use crate::arguments::At;
 use clap::Args;
 use miette::miette;
 use pulsetrain_board::BoardKind;
-use pulsetrain_board::registry::Role;
+use pulsetrain_board::profiles::Role;
 use pulsetrain_board::remote::in_words;
 use pulsetrain_board::{Board, Edge, Observer, Port, Remote, ScheduledStep, Serial, WithReference};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::{Cause, Measures};
+use pulsetrain_motion::boards::BoardProfile;
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time, boards};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::problems::{drive_problem, port_problem};
+use super::problems::{drive_problem, port_problem, virtual_board};
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::{DriveError, Driven, session_number};
@@ -39,10 +40,6 @@ pub(crate) struct BenchArgs {
 
 /// Periods of the sinusoids, s.
 const PERIODS_S: [f64; 4] = [2.0, 1.0, 0.5, 0.25];
-/// Half strokes in steps. On an Uno it is the tutorial's amplitude; the tutorial's own sketch makes the first of these
-/// periods at a third of its speed. A Pico is faster.
-const UNO_STEPS: f64 = 2000.0;
-const PICO_STEPS: f64 = 19_000.0;
 const STEP_PIN: u8 = 8;
 const DIR_PIN: u8 = 9;
 
@@ -120,28 +117,25 @@ pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result
             return Err(miette!(help = help, "this steps pin {STEP_PIN} and turns pin {DIR_PIN}"));
         }
         Some(name) => kind_of(Serial::open(name, false).map_err(port_problem)?)?,
-        None => args.at.board.unwrap_or(BoardKind::Uno),
+        None => args.at.board.unwrap_or_default(),
     };
-    let amplitude = match kind {
-        BoardKind::Uno => UNO_STEPS,
-        BoardKind::Pico => PICO_STEPS,
-    };
+    let amplitude = kind.profile().bench_steps;
+    let limits = boards::find(kind.name()).ok_or_else(|| miette!("the table of boards lacks the board"))?;
     let mut rows = Vec::new();
     // Which sinusoids the board cannot play, and why.
     let mut refused = Vec::new();
     for period_s in PERIODS_S {
-        let prepared = prepared(kind.name(), amplitude, period_s)?;
+        let prepared = prepared(limits, amplitude, period_s)?;
         let measured = match &args.at.port {
             Some(name) => {
                 let port = Serial::open(name, false).map_err(port_problem)?;
                 measure(&prepared, (amplitude, period_s), port, args.at.baud).map(|row| BenchRow { pins: None, ..row })
             }
-            None => measure(&prepared, (amplitude, period_s), kind.virtual_board(Role::Plans), args.at.baud),
+            None => measure(&prepared, (amplitude, period_s), virtual_board(kind, Role::Plans)?, args.at.baud),
         };
-        // A Pico has no compares that it could miss.
-        let has_none = kind == BoardKind::Pico;
+        let counts = kind.counts_missed_compares();
         let measured = measured
-            .map(|row| if has_none { BenchRow { compares_missed: None, latest_ticks: None, ..row } } else { row });
+            .map(|row| if counts { row } else { BenchRow { compares_missed: None, latest_ticks: None, ..row } });
         match measured {
             Ok(row) => rows.push(row),
             Err(
@@ -162,11 +156,13 @@ pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result
         console.print_json(&Rows { measured: rows, refused, trouble })?;
         return Ok(exit);
     }
+    let (title, baud) = (kind.title(), human::count(args.at.baud.rate().into()));
+    let has_usb = limits.line.is_some_and(|line| line.usb_bytes_per_s.is_some());
     let way = match &args.at.port {
-        Some(name) if kind == BoardKind::Pico => format!("streamed to the Pico at {name}"),
-        None if kind == BoardKind::Pico => "streamed over USB to the virtual Pico".to_owned(),
-        Some(name) => format!("streamed at {} baud to the Uno at {name}", human::count(args.at.baud.rate().into())),
-        None => format!("streamed at {} baud to the virtual Uno", human::count(args.at.baud.rate().into())),
+        Some(name) if has_usb => format!("streamed to the {title} at {name}"),
+        None if has_usb => format!("streamed over USB to the virtual {title}"),
+        Some(name) => format!("streamed at {baud} baud to the {title} at {name}"),
+        None => format!("streamed at {baud} baud to the virtual {title}"),
     };
     console.print(format_args!(
         "Sinusoids of {amplitude} steps to either side, STEP on {STEP_PIN}, DIR on {DIR_PIN}, 1 µs pulses, {way}.\nThe board's own \
@@ -183,10 +179,7 @@ pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result
         "least ahead",
         "longest round",
     ]);
-    let tick_s = match kind {
-        BoardKind::Uno => 1.0 / 16e6,
-        BoardKind::Pico => 1.0 / 125e6,
-    };
+    let tick_s = 1.0 / limits.tick_hz as f64;
     // A counter that is full only says that the time was at least this long.
     let ticks = |ticks: u16| {
         let time = human::seconds(f64::from(ticks) * tick_s);
@@ -230,22 +223,21 @@ pub(crate) fn run(args: &BenchArgs, console: &mut Console<'_>) -> miette::Result
     Ok(exit)
 }
 
-/// Whether the board at a port is a Pico or an Uno, by its firmware's answer.
+/// Which board is at a port, by its clock, as its firmware says.
 fn kind_of(port: impl Port) -> miette::Result<BoardKind> {
     let remote = Remote::open(port, session_number()).map_err(|error| drive_problem(error.into()))?;
     let tick_hz = u64::from(remote.info().tick_hz);
     remote.close();
-    let has_clock = |board: &str| boards::find(board).is_some_and(|row| row.board.tick_hz == tick_hz);
-    match (has_clock("pico"), has_clock("uno")) {
-        (true, _) => Ok(BoardKind::Pico),
-        (_, true) => Ok(BoardKind::Uno),
-        _ => Err(miette!("the board has a clock of {tick_hz} Hz: it is neither an Uno nor a Pico")),
-    }
+    let has_clock = |kind: &BoardKind| boards::find(kind.name()).is_some_and(|limits| limits.tick_hz == tick_hz);
+    BoardKind::ALL.into_iter().find(has_clock).ok_or_else(|| {
+        let names = BoardKind::ALL.map(|kind| kind.profile().title_with_article).join(" nor ");
+        miette!("the board has a clock of {tick_hz} Hz: it is neither {names}")
+    })
 }
 
 /// One sinusoid's motion for the board.
-fn prepared(board: &str, amplitude: f64, period_s: f64) -> miette::Result<Prepared> {
-    let board = boards::find(board).ok_or_else(|| miette!("the table of boards lacks the board"))?.board;
+fn prepared(board: &'static BoardProfile, amplitude: f64, period_s: f64) -> miette::Result<Prepared> {
+    let board = board.limits();
     let law = Law::sine(amplitude, Time::from_seconds(period_s), Some(1)).map_err(|error| miette!("{error}"))?;
     let motor = Motor {
         name: "bench".to_owned(),
@@ -337,6 +329,7 @@ impl Observer for Steps {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pulsetrain_board::profiles::{PICO, UNO};
     use pulsetrain_board::virtual_pico::VirtualPico;
     use pulsetrain_board::virtual_uno::VirtualUno;
     use pulsetrain_board::{PortError, Setup};
@@ -381,14 +374,14 @@ mod tests {
 
         #[test]
         fn a_board_at_a_port_says_what_it_is() {
-            assert_eq!(kind_of(VirtualPico::on_usb()).unwrap(), BoardKind::Pico);
-            assert_eq!(kind_of(VirtualUno::new()).unwrap(), BoardKind::Uno);
+            assert_eq!(kind_of(VirtualPico::on_usb()).unwrap(), BoardKind::of(&PICO));
+            assert_eq!(kind_of(VirtualUno::new()).unwrap(), BoardKind::of(&UNO));
         }
 
         #[test]
         fn a_step_that_is_lost_is_trouble() {
             let (steps, period_s) = (100.0, 0.5);
-            let prepared = prepared("pico", steps, period_s).unwrap();
+            let prepared = prepared(&boards::PICO, steps, period_s).unwrap();
             let troubles = |edges| {
                 let port = Blink { pico: VirtualPico::on_usb(), edges };
                 measure(&prepared, (steps, period_s), port, Baud::B2M).unwrap().trouble()
@@ -399,7 +392,7 @@ mod tests {
 
         #[test]
         fn what_a_board_reports_is_trouble() {
-            let prepared = prepared("uno", 100.0, 0.5).unwrap();
+            let prepared = prepared(&boards::UNO, 100.0, 0.5).unwrap();
             let row = measure(&prepared, (100.0, 0.5), VirtualUno::new(), Baud::B1M).unwrap();
             assert_eq!(row.trouble(), Vec::<String>::new());
             let events = vec![in_words(Cause::EdgeLate)];
@@ -421,7 +414,7 @@ mod tests {
             while port.now() < until {
                 port.receive(until, &mut Vec::new()).unwrap();
             }
-            let row = measure(&prepared("pico", 100.0, 0.5).unwrap(), (100.0, 0.5), port, Baud::B2M).unwrap();
+            let row = measure(&prepared(&boards::PICO, 100.0, 0.5).unwrap(), (100.0, 0.5), port, Baud::B2M).unwrap();
             assert_eq!(row.trouble(), Vec::<String>::new());
         }
     }

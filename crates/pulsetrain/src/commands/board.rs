@@ -12,15 +12,14 @@ use std::time::Duration;
 use miette::miette;
 use pulsetrain_board::hex::{self, HexError};
 use pulsetrain_board::native_winch::NativeWinch;
-use pulsetrain_board::registry::Role;
+use pulsetrain_board::profiles::{DeviceProfile, Emulation, Flashing, Role};
 use pulsetrain_board::skewed::Skewed;
 use pulsetrain_board::stk500;
-use pulsetrain_board::virtual_pico::VirtualPico;
-use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{BoardKind, VirtualBoard};
 use pulsetrain_motion::Time;
 
 use super::flash::named;
+use super::problems::virtual_board;
 use crate::console::{self, Console, Exit};
 use crate::interrupt;
 use crate::serve::{self, Client, Nobody, Service, Socket};
@@ -87,13 +86,17 @@ pub(crate) enum ServedBoard {
 const WINCH: &str = "winch";
 
 fn board_or_winch() -> impl TypedValueParser<Value = ServedBoard> {
-    let names = BoardKind::NAMES.into_iter().chain([WINCH]);
+    let names = BoardKind::names().chain([WINCH]);
     PossibleValuesParser::new(names).map(|name| BoardKind::named(&name).map_or(ServedBoard::Winch, ServedBoard::Chip))
 }
 
 pub(crate) fn run(args: &BoardArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
-    if args.bootloader.is_some() && args.board != ServedBoard::Chip(BoardKind::Uno) {
-        return Err(miette!(help = "leave --bootloader out", "only `uno` has a bootloader that can be given"));
+    let takes_bootloader =
+        |kind: BoardKind| kind.profile().emulation.is_some_and(|emulation| emulation.with_bootloader.is_some());
+    if args.bootloader.is_some() && !matches!(args.board, ServedBoard::Chip(kind) if takes_bootloader(kind)) {
+        let able = BoardKind::ALL.into_iter().filter(|kind| takes_bootloader(*kind));
+        let able = able.map(|kind| format!("`{}`", kind.name())).collect::<Vec<_>>().join(" or ");
+        return Err(miette!(help = "leave --bootloader out", "only {able} has a bootloader that can be given"));
     }
     if args.image.is_some() && args.board == ServedBoard::Winch {
         return Err(miette!(help = "leave --image out", "`winch` is no chip: it has no program that could be given"));
@@ -147,51 +150,67 @@ fn serve<C: Client>(client: C, place: &str, args: &BoardArgs, console: &mut Cons
         ServedBoard::Winch => return serve_board(NativeWinch::new(), WINCH, client, place, args, console),
         ServedBoard::Chip(kind) => kind,
     };
-    let board: Box<dyn VirtualBoard> = match (kind, &args.image, &args.bootloader) {
-        (BoardKind::Uno, _, Some(bootloader)) => Box::new(just_bought(bootloader)?),
-        (BoardKind::Uno, Some(file), None) => Box::new(flashed(file)?),
-        (BoardKind::Pico, Some(file), _) => Box::new(programmed(file)?),
-        (kind, None, _) => kind.virtual_board(Role::Plans),
+    let board = match (&args.image, &args.bootloader) {
+        (_, Some(bootloader)) => just_bought(kind, bootloader)?,
+        (Some(file), None) => programmed(kind, file)?,
+        (None, None) => virtual_board(kind, Role::Plans)?,
     };
     serve_board(board, kind.title(), client, place, args, console)
 }
 
-/// A Pico with that program. Its port is its USB if the program has USB, else its UART.
-fn programmed(file: &Path) -> miette::Result<VirtualPico> {
-    let help = "it takes what `cargo xtask uf2` and `pulsetrain bake` write for a Pico: docs/pico.md";
-    let pico = VirtualPico::with_image(&console::read(file)?)
-        .map_err(|error| miette!(help = help, "{}: {error}", file.display()))?;
-    Ok(pico.clone().opened().unwrap_or(pico))
+/// A board with that program, or with the firmware's image of that name.
+fn programmed(kind: BoardKind, file: &Path) -> miette::Result<Box<dyn VirtualBoard>> {
+    if let Some(role) = named(kind, file) {
+        return virtual_board(kind, role);
+    }
+    let (program, help) = match kind.profile().flashing {
+        Flashing::Uf2 { .. } => {
+            let help = format!(
+                "it takes what `cargo xtask uf2` and `pulsetrain bake` write for {}: docs/pico.md",
+                kind.profile().title_with_article
+            );
+            (console::read(file)?, help)
+        }
+        Flashing::Stk500 => {
+            let help = format!(
+                "it takes what {}'s flash holds, as Intel HEX: what `pulsetrain bake --output` writes, or the Arduino IDE's Export \
+                 Compiled Binary; `winch` is the firmware that knows StepperWinch's text, `verbs` the one that obeys MOVE, SPEED and DIRECTION",
+                kind.profile().title_with_article
+            );
+            let image = read_hex(kind, file, &help)?;
+            if image.is_empty() {
+                return Err(miette!(help = help, "{} holds no program: there is no byte in it", file.display()));
+            }
+            (image, help)
+        }
+    };
+    let emulation = emulation(kind)?;
+    (emulation.with_program)(&program).map_err(|error| miette!(help = help, "{}: {error}", file.display()))
 }
 
-/// An Uno with that program, or with the firmware's image of that name.
-fn flashed(file: &Path) -> miette::Result<VirtualUno> {
-    let help = "it takes what an Uno's flash holds, as Intel HEX: what `pulsetrain bake --output` writes, or the Arduino IDE's Export \
-                Compiled Binary; `winch` is the firmware that knows StepperWinch's text, `verbs` the one that obeys MOVE, SPEED and DIRECTION";
-    if let Some(image) = named(file) {
-        return VirtualUno::with_image(&image).map_err(|error| miette!(help = help, "{}: {error}", file.display()));
-    }
-    let image = read_hex(file, help)?;
-    if image.is_empty() {
-        return Err(miette!(help = help, "{} holds no program: there is no byte in it", file.display()));
-    }
-    VirtualUno::with_program(&image).map_err(|error| miette!(help = help, "{}: {error}", file.display()))
-}
-
-/// Reads the contents of an Uno's flash from a file.
-fn read_hex(file: &Path, help: &str) -> miette::Result<Vec<u8>> {
+/// Reads the contents of a board's flash from a file.
+fn read_hex(kind: BoardKind, file: &Path, help: &str) -> miette::Result<Vec<u8>> {
     let text = String::from_utf8_lossy(&console::read(file)?).into_owned();
+    let DeviceProfile { chip, title_with_article, .. } = kind.profile();
     hex::parse(&text, stk500::FLASH_BYTES).map_err(|error| match error {
-        HexError::Beyond { .. } => miette!(help = help, "{} does not fit an Uno: {error}", file.display()),
-        error => miette!(help = help, "{} is no Intel HEX of an ATmega328P: {error}", file.display()),
+        HexError::Beyond { .. } => {
+            miette!(help = help, "{} does not fit {title_with_article}: {error}", file.display())
+        }
+        error => miette!(help = help, "{} is no Intel HEX of an {chip}: {error}", file.display()),
     })
 }
 
-/// An Uno that has only a bootloader.
-fn just_bought(file: &Path) -> miette::Result<VirtualUno> {
+/// A board that has only a bootloader.
+fn just_bought(kind: BoardKind, file: &Path) -> miette::Result<Box<dyn VirtualBoard>> {
     let help = "a bootloader of an Uno is at the end of its flash: Optiboot's 512 bytes from 0x7e00 on";
-    let image = read_hex(file, help)?;
-    VirtualUno::with_bootloader(&[], &image).map_err(|error| miette!(help = help, "{}: {error}", file.display()))
+    let image = read_hex(kind, file, help)?;
+    let with_bootloader = emulation(kind)?.with_bootloader;
+    let board = with_bootloader.ok_or_else(|| miette!("the {} has its own bootloader", kind.title()))?(&image);
+    board.map_err(|error| miette!(help = help, "{}: {error}", file.display()))
+}
+
+fn emulation(kind: BoardKind) -> miette::Result<Emulation> {
+    kind.profile().emulation.ok_or_else(|| miette!("there is no virtual {}", kind.title()))
 }
 
 fn serve_board<B: VirtualBoard, C: Client>(

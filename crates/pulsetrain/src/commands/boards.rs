@@ -1,6 +1,6 @@
 //! `pulsetrain boards`: the table of limits.
 
-use pulsetrain_motion::boards::{self, BoardRow};
+use pulsetrain_motion::boards::{self, BoardProfile};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -11,7 +11,7 @@ use pulsetrain_motion::human::{self, Table};
 #[derive(Serialize, JsonSchema)]
 pub(crate) struct BoardTableRow {
     /// Its name in motion files.
-    name: String,
+    name: &'static str,
     /// What it is.
     about: &'static str,
     /// Ticks per second.
@@ -19,7 +19,7 @@ pub(crate) struct BoardTableRow {
     /// Motors at most.
     max_motors: usize,
     /// Limits with 1, 2, … motors. The last one holds for more motors.
-    min_interval_ticks: Vec<u32>,
+    min_interval_ticks: &'static [u32],
     /// Whether edges come on their ticks, by hardware.
     hardware_timed: bool,
     /// How much later than its tick an edge may come, ticks.
@@ -32,35 +32,35 @@ pub(crate) struct BoardTableRow {
     flash_bytes: Option<u32>,
     /// Each motor's limit with 1, 2, … motors. The last one holds for more motors; if there are none, there is no
     /// limit.
-    queue_bytes: Vec<u32>,
+    queue_bytes: &'static [u32],
     /// Where the figures come from.
-    source: String,
+    source: &'static str,
     /// What to know about it.
     note: &'static str,
 }
 
-impl From<BoardRow> for BoardTableRow {
-    fn from(row: BoardRow) -> BoardTableRow {
+impl From<&BoardProfile> for BoardTableRow {
+    fn from(board: &BoardProfile) -> BoardTableRow {
         BoardTableRow {
-            name: row.board.name,
-            about: row.about,
-            tick_hz: row.board.tick_hz,
-            max_motors: row.board.max_motors,
-            min_interval_ticks: row.board.min_interval_ticks,
-            hardware_timed: row.board.hardware_timed,
-            lateness_ticks: row.lateness_ticks,
-            horizon_ticks: row.horizon_ticks,
-            ram_bytes: row.ram_bytes,
-            flash_bytes: row.flash_bytes,
-            queue_bytes: row.queue_bytes,
-            source: row.board.source,
-            note: row.note,
+            name: board.name,
+            about: board.about,
+            tick_hz: board.tick_hz,
+            max_motors: board.max_motors,
+            min_interval_ticks: board.min_interval_ticks,
+            hardware_timed: board.hardware_timed,
+            lateness_ticks: board.lateness_ticks,
+            horizon_ticks: board.horizon_ticks,
+            ram_bytes: board.ram_bytes,
+            flash_bytes: board.flash_bytes,
+            queue_bytes: board.queue_bytes,
+            source: board.source,
+            note: board.note,
         }
     }
 }
 
 pub(crate) fn run(args: &arguments::Table, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let rows: Vec<BoardTableRow> = boards::table().into_iter().map(BoardTableRow::from).collect();
+    let rows: Vec<BoardTableRow> = boards::BUILT_IN.iter().copied().map(BoardTableRow::from).collect();
     if args.json {
         console.print_json(&rows)?;
         return Ok(Exit::Success);
@@ -78,7 +78,7 @@ pub(crate) fn run(args: &arguments::Table, console: &mut Console<'_>) -> miette:
             format!("up to {} late", human::seconds(f64::from(row.lateness_ticks) * tick_s))
         };
         table.row([
-            row.name.clone(),
+            row.name.to_owned(),
             human::seconds(tick_s),
             row.max_motors.to_string(),
             rate(row.min_interval_ticks.first()),

@@ -3,7 +3,7 @@
 use crate::arguments;
 use clap::Args;
 use pulsetrain_board::BoardKind;
-use pulsetrain_board::registry::Role;
+use pulsetrain_board::profiles::{Flashing, Role};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -11,7 +11,7 @@ use std::{fs, io};
 
 use miette::{Report, miette};
 use pulsetrain_board::stk500::{self, Bootloader, FlashError, Progress};
-use pulsetrain_board::{PortError, Serial, hex, image, serial, virtual_pico};
+use pulsetrain_board::{PortError, Serial, hex, image, serial};
 use pulsetrain_motion::quantity::nearest;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -70,19 +70,23 @@ pub(crate) struct Flashed {
 
 pub(crate) fn run(args: &FlashArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let file = args.image.as_deref();
-    let flashed = match (args.board, &args.port) {
-        (BoardKind::Uno, port) => {
-            let image = uno_image(file)?;
-            let port = port.as_ref().ok_or_else(|| which_port(&serial::names()))?;
-            uno(port, &image, console)?
+    let board = args.board;
+    let flashed = match board.profile().flashing {
+        Flashing::Stk500 => {
+            let image = flash_image(board, file)?;
+            let port = args.port.as_ref().ok_or_else(|| which_port(&serial::names()))?;
+            by_bootloader(board, port, &image, console)?
         }
-        (BoardKind::Pico, port) => pico(port.as_deref(), file, console)?,
+        Flashing::Uf2 { family, drive } => {
+            let image = uf2_image(board, family, file)?;
+            by_drive(board, drive, args.port.as_deref(), &image, console)?
+        }
     };
     if args.json {
         console.print_json(&flashed)?;
         return Ok(Exit::Success);
     }
-    let is_own = args.image.as_ref().is_none_or(|file| args.board == BoardKind::Uno && named(file).is_some());
+    let is_own = args.image.as_ref().is_none_or(|file| named(board, file).is_some());
     console.print(format_args!("{}\n", done(&flashed, is_own)))?;
     Ok(Exit::Success)
 }
@@ -95,27 +99,28 @@ fn by_name<S: serde::Serializer>(board: &BoardKind, to: S) -> Result<S::Ok, S::E
 /// Prints what was written, and the next command. This program's own firmware answers hosts; another image may not.
 fn done(Flashed { board, place, bytes, .. }: &Flashed, is_own: bool) -> String {
     let bytes = human::count(*bytes as i128);
-    match (*board, is_own) {
-        (BoardKind::Uno, true) => {
+    let (name, title) = (board.name(), board.title());
+    match (board.profile().flashing, is_own) {
+        (Flashing::Stk500, true) => {
             format!(
-                "{bytes} bytes are on the Uno at {place}, and were read back; `pulsetrain info --port {place}` asks it"
+                "{bytes} bytes are on the {title} at {place}, and were read back; `pulsetrain info --port {place}` asks it"
             )
         }
-        (BoardKind::Uno, false) => format!(
-            "{bytes} bytes are on the Uno at {place}, and were read back; they begin now. A baked motion answers no host: \
-             `pulsetrain flash uno --port {place}` brings the firmware back"
+        (Flashing::Stk500, false) => format!(
+            "{bytes} bytes are on the {title} at {place}, and were read back; they begin now. A baked motion answers no host: \
+             `pulsetrain flash {name} --port {place}` brings the firmware back"
         ),
-        (BoardKind::Pico, true) => format!(
-            "{bytes} bytes were written to {place}; the Pico took them and has restarted: `pulsetrain ports` shows its port"
+        (Flashing::Uf2 { .. }, true) => format!(
+            "{bytes} bytes were written to {place}; the {title} took them and has restarted: `pulsetrain ports` shows its port"
         ),
-        (BoardKind::Pico, false) => format!(
-            "{bytes} bytes were written to {place}; the Pico took them and has restarted. `pulsetrain flash pico` brings the \
+        (Flashing::Uf2 { .. }, false) => format!(
+            "{bytes} bytes were written to {place}; the {title} took them and has restarted. `pulsetrain flash {name}` brings the \
              firmware back"
         ),
     }
 }
 
-/// An Uno's port is not guessed: the only port may be another board's.
+/// A port is not guessed: the only one may be another board's.
 fn which_port(names: &[String]) -> Report {
     let help = "`pulsetrain ports` tells what is at each";
     match names {
@@ -124,45 +129,52 @@ fn which_port(names: &[String]) -> Report {
     }
 }
 
-/// The names of an Uno's images, which the user may give instead of a file.
-const NAMES: [&str; 3] = [Role::Plans.image_name(), Role::Winch.image_name(), Role::Verbs.image_name()];
-
-/// The Uno's image of that name.
-pub(super) fn named(name: &Path) -> Option<Vec<u8>> {
-    let role = Role::ALL.into_iter().find(|role| Path::new(role.image_name()) == name);
-    role.map(|role| BoardKind::Uno.image(role))
+/// The role of the image of that name, where the board has one for each role: the user may give its name instead of a file.
+pub(super) fn named(board: BoardKind, name: &Path) -> Option<Role> {
+    let mut roles = Role::ALL.into_iter().filter(|_| board.has_image_for_each_role());
+    roles.find(|role| Path::new(role.image_name()) == name)
 }
 
 /// The help for a name that is neither an image's nor a file's.
-fn uno_images(name: &Path) -> String {
-    let near = name.to_str().and_then(|name| nearest(name, NAMES));
+fn known_images(board: BoardKind, name: &Path) -> String {
+    let names = Role::ALL.map(Role::image_name);
+    let near = name.to_str().and_then(|name| nearest(name, names));
     let near = near.map_or_else(String::new, |near| format!("did you mean `{near}`? "));
-    format!(
-        "{near}an Uno's image is `uno`, `winch`, `verbs`, or a file in Intel HEX, such as a .hex file that `pulsetrain bake` wrote"
-    )
+    let (its, names) = (board.profile().title_with_article, names.map(|name| format!("`{name}`")).join(", "));
+    format!("{near}{its}'s image is {names}, or a file in Intel HEX, such as a .hex file that `pulsetrain bake` wrote")
 }
 
-/// Writes one of the firmware's images to the Uno at a port. Prints only to standard error, since the results are those
-/// of another command.
+/// Writes one of the firmware's images to the board at a port, of the kind that has one for each role. Prints only to standard error, since the
+/// results are those of another command.
 pub(super) fn write(port: &str, image: Option<&str>, console: &mut Console<'_>) -> miette::Result<()> {
-    let flashed = uno(port, &uno_image(image.map(Path::new))?, console)?;
+    let board = BoardKind::ALL.into_iter().find(|kind| kind.has_image_for_each_role()).unwrap_or_default();
+    let flashed = by_bootloader(board, port, &flash_image(board, image.map(Path::new))?, console)?;
     // If standard error is closed nobody reads it.
     drop(writeln!(console.err, "{}", done(&flashed, true)));
     Ok(())
 }
 
-/// The image of that name or in that file. Without a name it is the firmware.
-fn uno_image(file: Option<&Path>) -> miette::Result<Vec<u8>> {
-    let Some(file) = file else { return Ok(BoardKind::Uno.image(Role::Plans)) };
-    if let Some(image) = named(file) {
-        return Ok(image);
+/// The flash's contents: the image of that name, or what is in that file (Intel HEX). Without a name it is the firmware.
+fn flash_image(board: BoardKind, file: Option<&Path>) -> miette::Result<Vec<u8>> {
+    let Some(file) = file else { return Ok(board.image(Role::Plans)) };
+    if let Some(role) = named(board, file) {
+        return Ok(board.image(role));
     }
-    let bytes = console::read(file).map_err(|error| miette!(help = uno_images(file), "{error}"))?;
+    let bytes = console::read(file).map_err(|error| miette!(help = known_images(board, file), "{error}"))?;
     hex::parse(&String::from_utf8_lossy(&bytes), stk500::FLASH_BYTES)
-        .map_err(|error| miette!(help = uno_images(file), "{}: {error}", file.display()))
+        .map_err(|error| miette!(help = known_images(board, file), "{}: {error}", file.display()))
 }
 
-fn uno(name: &str, image: &[u8], console: &Console<'_>) -> miette::Result<Flashed> {
+/// The UF2 file of that name. Without a name it is the firmware.
+fn uf2_image(board: BoardKind, family: u32, file: Option<&Path>) -> miette::Result<Vec<u8>> {
+    let Some(file) = file else { return Ok(board.image(Role::Plans)) };
+    let bytes = console::read(file)?;
+    let help = format!("{}'s image is a UF2 file for the {}", board.profile().title_with_article, board.profile().chip);
+    image::uf2(&bytes, family).map_err(|error| miette!(help = help, "{}: {error}", file.display()))?;
+    Ok(bytes)
+}
+
+fn by_bootloader(board: BoardKind, name: &str, image: &[u8], console: &Console<'_>) -> miette::Result<Flashed> {
     for rate in stk500::RATES {
         let bar = console.progress(2.0 * image.len() as f64, &format!("{} KB", image.len().div_ceil(1000)));
         bar.stage("asking");
@@ -182,27 +194,21 @@ fn uno(name: &str, image: &[u8], console: &Console<'_>) -> miette::Result<Flashe
         match done {
             Ok(_) => {
                 let place = name.to_owned();
-                return Ok(Flashed {
-                    board: BoardKind::Uno,
-                    place,
-                    bytes: image.len(),
-                    baud: Some(rate),
-                    verified: true,
-                });
+                return Ok(Flashed { board, place, bytes: image.len(), baud: Some(rate), verified: true });
             }
             Err(FlashError::NoBootloader { .. }) => {}
-            Err(error) => return Err(problem(name, error)),
+            Err(error) => return Err(problem(board, name, error)),
         }
     }
     let [new, old] = stk500::RATES;
     let help = "is it an Uno (`pulsetrain ports`)? If it has no reset by DTR, press its button as you start this. Boards without \
                 a bootloader, or with one of another kind, take crates/board/images/uno.hex (or uno-winch.hex, uno-verbs.hex) \
                 by a programmer";
-    Err(miette!(help = help, "no Uno's bootloader answers at {name}, neither at {new} nor at {old} baud"))
+    Err(miette!(help = help, "no {}'s bootloader answers at {name}, neither at {new} nor at {old} baud", board.title()))
 }
 
 /// The error, with advice.
-fn problem(name: &str, error: FlashError) -> Report {
+fn problem(board: BoardKind, name: &str, error: FlashError) -> Report {
     let help = match &error {
         FlashError::Port(PortError::Gone { .. }) => {
             "look at the cable. If it was pulled out while bytes were written the board has no whole program now: start this again"
@@ -211,7 +217,7 @@ fn problem(name: &str, error: FlashError) -> Report {
         FlashError::Empty => "nothing was written: is it the right file?",
         FlashError::NotBegun => "nothing was written: look at cable and supply, then start this again",
         FlashError::NoBootloader { .. } => "press the board's reset button as you start this",
-        FlashError::OtherChip { .. } => "nothing was written; the firmware is for the ATmega328P of Uno and Nano",
+        FlashError::OtherChip { .. } => board.profile().other_chip_help,
         FlashError::TooLarge { rate, .. } if *rate != stk500::RATES[0] => {
             "nothing was written; burn Optiboot over the old bootloader, which leaves 1.5 KB more (Arduino IDE: board Arduino \
              Uno, Tools, Burn Bootloader; it takes a programmer or a second Uno)"
@@ -237,23 +243,22 @@ const COPY: &str = "pulsetrain.uf2";
 /// Bytes that are written at a time, so that the progress bar moves.
 const PIECE: usize = 16 * 1024;
 
-fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> miette::Result<Flashed> {
-    let bytes = match file {
-        None => BoardKind::Pico.image(Role::Plans),
-        Some(file) => console::read(file)?,
-    };
-    if let (Some(file), Err(error)) = (file, image::uf2(&bytes, virtual_pico::FAMILY)) {
-        return Err(miette!(help = "a Pico's image is a UF2 file for the RP2040", "{}: {error}", file.display()));
-    }
+fn by_drive(
+    board: BoardKind,
+    drive: &str,
+    folder: Option<&str>,
+    bytes: &[u8],
+    console: &Console<'_>,
+) -> miette::Result<Flashed> {
     let folder = match folder {
         Some(folder) => PathBuf::from(folder),
-        None => the_only(drives())?,
+        None => the_only(board, drive, drives(board))?,
     };
-    check(&folder)?;
+    check(&folder, board, drive)?;
     let path = folder.join(COPY);
     let bar = console.progress(bytes.len() as f64, &format!("{} KB", bytes.len().div_ceil(1000)));
     bar.stage("writing");
-    copy(&path, &bytes, |done| bar.set(done as f64)).or_else(|(written, error)| {
+    copy(&path, bytes, |done| bar.set(done as f64)).or_else(|(written, error)| {
         // The chip restarts as soon as it has the last block, so the drive may disappear while the file is still open.
         if written == bytes.len() && disappears(&folder, STARTS_WITHIN) {
             Ok(())
@@ -266,18 +271,13 @@ fn pico(folder: Option<&str>, file: Option<&Path>, console: &Console<'_>) -> mie
         let help = "hold BOOTSEL as you plug it in again, and start this again; some systems want the drive to be ejected first";
         return Err(miette!(
             help = help,
-            "{} is still there {} s after the image was written: the Pico did not take it",
+            "{} is still there {} s after the image was written: the {} did not take it",
             folder.display(),
-            STARTS_WITHIN.as_secs()
+            STARTS_WITHIN.as_secs(),
+            board.title()
         ));
     }
-    Ok(Flashed {
-        board: BoardKind::Pico,
-        place: folder.display().to_string(),
-        bytes: bytes.len(),
-        baud: None,
-        verified: false,
-    })
+    Ok(Flashed { board, place: folder.display().to_string(), bytes: bytes.len(), baud: None, verified: false })
 }
 
 /// How long a Pico may take to start its new image.
@@ -313,41 +313,46 @@ fn not_written(path: &Path, error: &io::Error) -> Report {
     miette!(help = help, "cannot write {}: {error}", path.display())
 }
 
-/// Checks that a folder is a Pico's drive.
-fn check(folder: &Path) -> miette::Result<()> {
-    let hold = "hold BOOTSEL as you plug the Pico in: its drive is called RPI-RP2";
+/// Checks that a folder is a board's drive, by what that calls itself.
+fn check(folder: &Path, board: BoardKind, drive: &str) -> miette::Result<()> {
+    let (title, its) = (board.title(), board.profile().title_with_article);
+    let hold = format!("hold BOOTSEL as you plug the {title} in: its drive is called {drive}");
     if !folder.is_dir() {
-        return Err(miette!(help = hold, "{} is no folder: a Pico is written to as a drive", folder.display()));
+        return Err(miette!(help = hold, "{} is no folder: {its} is written to as a drive", folder.display()));
     }
     let Ok(info) = fs::read_to_string(folder.join(INFO)) else {
-        return Err(miette!(help = hold, "{} is no Pico's drive: there is no {INFO} in it", folder.display()));
+        return Err(miette!(help = hold, "{} is no {title}'s drive: there is no {INFO} in it", folder.display()));
     };
-    let board = info.lines().find_map(|line| line.trim().strip_prefix("Board-ID:")).map_or("", str::trim);
-    if board == "RPI-RP2" {
+    let id = info.lines().find_map(|line| line.trim().strip_prefix("Board-ID:")).map_or("", str::trim);
+    if id == drive {
         return Ok(());
     }
-    let help = "the firmware is for the RP2040 of a Raspberry Pi Pico; a Pico 2 has another chip";
-    Err(miette!(help = help, "{} is the drive of another board: it calls itself {board:?}", folder.display()))
+    let help = board.profile().other_chip_help;
+    Err(miette!(help = help, "{} is the drive of another board: it calls itself {id:?}", folder.display()))
 }
 
-fn the_only(mut drives: Vec<PathBuf>) -> miette::Result<PathBuf> {
+fn the_only(board: BoardKind, drive: &str, mut drives: Vec<PathBuf>) -> miette::Result<PathBuf> {
+    let title = board.title();
     match drives.len() {
         1 => Ok(drives.remove(0)),
         0 => {
-            let help = "hold BOOTSEL as you plug it in, and wait for its drive, RPI-RP2; where nothing mounts drives by itself \
-                        mount it, and name the folder with --port";
-            Err(miette!(help = help, "no Pico waits for an image"))
+            let help = format!(
+                "hold BOOTSEL as you plug it in, and wait for its drive, {drive}; where nothing mounts drives by itself mount it, and name \
+                 the folder with --port"
+            );
+            Err(miette!(help = help, "no {title} waits for an image"))
         }
         _ => {
             let names: Vec<String> = drives.iter().map(|drive| drive.display().to_string()).collect();
             let help = "name one with --port";
-            Err(miette!(help = help, "{} Picos wait for an image: {}", names.len(), names.join(", ")))
+            Err(miette!(help = help, "{} {title}s wait for an image: {}", names.len(), names.join(", ")))
         }
     }
 }
 
-/// The Picos' drives that are mounted.
-pub(crate) fn drives() -> Vec<PathBuf> {
+/// The drives of such boards that are mounted.
+pub(crate) fn drives(board: BoardKind) -> Vec<PathBuf> {
+    let Flashing::Uf2 { drive, .. } = board.profile().flashing else { return Vec::new() };
     let folders: Vec<PathBuf> = if cfg!(windows) {
         ('D'..='Z').map(|letter| PathBuf::from(format!("{letter}:\\"))).collect()
     } else if cfg!(target_os = "macos") {
@@ -355,7 +360,7 @@ pub(crate) fn drives() -> Vec<PathBuf> {
     } else {
         mounted(&fs::read_to_string("/proc/mounts").unwrap_or_default())
     };
-    folders.into_iter().filter(|folder| check(folder).is_ok()).collect()
+    folders.into_iter().filter(|folder| check(folder, board, drive).is_ok()).collect()
 }
 
 /// Folders in which systems mount removable drives.
@@ -383,6 +388,10 @@ fn mounts(table: &str) -> impl Iterator<Item = (PathBuf, PathBuf, &str)> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pulsetrain_board::profiles;
+
+    const UNO: BoardKind = BoardKind::of(&profiles::UNO);
+    const PICO: BoardKind = BoardKind::of(&profiles::PICO);
 
     #[test]
     fn drives_are_found_among_what_is_mounted() {
@@ -404,7 +413,7 @@ mod tests {
     #[test]
     fn a_cable_pulled_out_leaves_no_whole_program() {
         let name = "/dev/ttyACM0".to_owned();
-        let report = problem(&name, FlashError::Port(PortError::Gone { name: name.clone(), why: "x".into() }));
+        let report = problem(UNO, &name, FlashError::Port(PortError::Gone { name: name.clone(), why: "x".into() }));
         let help = report.help().map(|help| help.to_string()).unwrap_or_default();
         assert!(help.contains("no whole program") && !help.contains("motors"), "{help}");
     }
@@ -414,7 +423,7 @@ mod tests {
         let help = |bytes| {
             let rate = stk500::RATES[0];
             let error = FlashError::TooLarge { bytes, limit: stk500::room(rate), rate };
-            problem("/dev/ttyACM0", error).help().map(|help| help.to_string()).unwrap_or_default()
+            problem(UNO, "/dev/ttyACM0", error).help().map(|help| help.to_string()).unwrap_or_default()
         };
         assert!(help(32_768).contains("holds a bootloader too"), "{}", help(32_768));
         assert!(help(32_769).contains("larger chip"), "{}", help(32_769));
@@ -430,11 +439,10 @@ mod tests {
     #[test]
     fn what_may_not_answer_is_not_said_to_be_asked() {
         let said = |board, is_own| {
-            let flashed =
-                Flashed { board, place: "here".into(), bytes: 1234, baud: None, verified: board == BoardKind::Uno };
+            let flashed = Flashed { board, place: "here".into(), bytes: 1234, baud: None, verified: board == UNO };
             done(&flashed, is_own)
         };
-        for (board, asks) in [(BoardKind::Uno, "pulsetrain info --port here"), (BoardKind::Pico, "pulsetrain ports")] {
+        for (board, asks) in [(UNO, "pulsetrain info --port here"), (PICO, "pulsetrain ports")] {
             let (own, other) = (said(board, true), said(board, false));
             assert!(own.contains("1234 bytes") && own.contains(asks), "{own}");
             assert!(!other.contains(asks) && other.contains(&format!("pulsetrain flash {}", board.name())), "{other}");
@@ -444,6 +452,7 @@ mod tests {
     #[test]
     fn one_drive_is_taken_none_and_several_are_told() {
         let two = vec![PathBuf::from("/a"), PathBuf::from("/b")];
+        let the_only = |drives| the_only(PICO, "RPI-RP2", drives);
         assert_eq!(the_only(two[..1].to_vec()).unwrap(), two[0]);
         assert_eq!(the_only(two).unwrap_err().to_string(), "2 Picos wait for an image: /a, /b");
         assert_eq!(the_only(Vec::new()).unwrap_err().to_string(), "no Pico waits for an image");

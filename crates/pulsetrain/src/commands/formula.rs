@@ -450,18 +450,18 @@ fn root(mut from: f64, mut to: f64, of: impl Fn(f64) -> f64) -> f64 {
 fn first_steps(prepared: &Prepared, count: usize) -> Result<Vec<FirstStep>, PlanError> {
     let board = &prepared.program.board;
     let mut ensemble = Ensemble::new(&prepared.program).map_err(|refused| refused.error)?;
-    let mut registers = Recurrence { accumulator: 1 << (board.fraction_bits - 1), ..Recurrence::default() };
+    let mut registers = Recurrence { accumulator: 1 << (board.registers.fraction_bits - 1), ..Recurrence::default() };
     let (mut position, mut steps) = (0, Vec::new());
     while steps.len() < count {
         match ensemble.next_move(0).map_err(|refused| refused.error)? {
             None => break,
-            Some(Move::Dwell { ticks }) => registers.accumulator += ticks << board.fraction_bits,
+            Some(Move::Dwell { ticks }) => registers.accumulator += ticks << board.registers.fraction_bits,
             Some(Move::Run { segment, direction }) => {
                 registers.load(&segment);
                 for _ in 0..segment.count.min(u32::try_from(count - steps.len()).unwrap_or(u32::MAX)) {
                     registers.advance();
                     position += i64::from(direction.sign());
-                    let tick = registers.accumulator >> board.fraction_bits;
+                    let tick = registers.accumulator >> board.registers.fraction_bits;
                     steps.push(FirstStep {
                         n: steps.len() + 1,
                         tick,

@@ -1,7 +1,6 @@
 //! Why a capture fails that is right: it begins elsewhere, ends early, shows pins, has STEP and DIR swapped, or a DIR that is
 //! reversed.
 
-use pulsetrain_board::BoardKind;
 use pulsetrain_motion::human;
 use pulsetrain_motion::program::{Motor, Program, Wiring};
 use pulsetrain_session::lateness::Edges;
@@ -9,7 +8,7 @@ use pulsetrain_trace::capture::Capture;
 use pulsetrain_trace::verdict::{self, Align, Options, Report};
 use pulsetrain_trace::{Trace, lines};
 
-/// The options for a capture of an Uno's pins: edges come the board's constant delay after their scheduled ticks, and may be late in addition.
+/// The options for a capture of a board's pins: edges come its constant delay after their scheduled ticks, and may be late in addition.
 pub(super) fn of_pins(options: &Options, program: &Program) -> Options {
     let edges = Edges::of(program);
     let tolerance = program.tolerance.ticks(program.board.tick_hz);
@@ -40,9 +39,9 @@ pub(super) fn hints(
         Capture::Film(_) => None,
     };
     let judge = |options: &Options| judge_as(program, options);
-    let is_uno = BoardKind::named(&program.board.name) == Some(BoardKind::Uno);
+    let is_delayed = Edges::of(program) != Edges::default();
     let mut tried = Vec::new();
-    for with_pins in [false, true].into_iter().filter(|with_pins| !with_pins || (is_uno && !pins)) {
+    for with_pins in [false, true].into_iter().filter(|with_pins| !with_pins || (is_delayed && !pins)) {
         for aligned in [false, true].into_iter().filter(|aligned| !aligned || options.align == Align::None) {
             let mut other = if with_pins { of_pins(options, program) } else { *options };
             let mut flags = Vec::new();

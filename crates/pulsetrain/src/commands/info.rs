@@ -1,7 +1,7 @@
 //! `pulsetrain info`: prints what a board reports of itself.
 
 use pulsetrain_board::BoardKind;
-use pulsetrain_board::registry::{Role, name_of};
+use pulsetrain_board::profiles::{Role, name_of};
 use pulsetrain_board::remote::{image_name, in_words};
 use pulsetrain_board::{Board, Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::message::{Cause, flags, image};
@@ -9,7 +9,7 @@ use pulsetrain_core::wire::{Baud, Reason, Stored, VERSION};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::problems::{clock_off, drive_problem, port_problem};
+use super::problems::{clock_off, drive_problem, port_problem, virtual_board};
 use super::store::{Kept, stored_in_words};
 use crate::arguments::At;
 use crate::console::{Console, Exit};
@@ -90,7 +90,7 @@ pub(crate) struct BoardInfo {
 pub(crate) fn run(args: &At, console: &mut Console<'_>) -> miette::Result<Exit> {
     let said = match &args.port {
         Some(name) => ask(Serial::open(name, false).map_err(port_problem)?, args.baud),
-        None => ask(args.board.unwrap_or(BoardKind::Uno).virtual_board(Role::Plans), args.baud),
+        None => ask(virtual_board(args.board.unwrap_or_default(), Role::Plans)?, args.baud),
     };
     let said = said.map_err(drive_problem)?;
     if args.json {
@@ -205,7 +205,7 @@ pub(super) fn ask<P: Port>(port: P, baud: Baud) -> Result<BoardInfo, DriveError>
         Err(error) => return Err(error.into()),
     };
     let verbs = remote.obeys()?;
-    let kind = BoardKind::numbered(info.board);
+    let kind = remote.kind();
     let compares = kind.is_some_and(BoardKind::counts_missed_compares);
     let said = BoardInfo {
         board: name_of(&info).trim_start_matches("an ").trim_start_matches("a "),

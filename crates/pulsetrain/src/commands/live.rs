@@ -180,9 +180,9 @@ impl Staged {
         Ok(())
     }
 
-    /// Its way to a virtual board, or to the native one; the same each time.
-    pub(super) fn kind(&self, is_native: bool) -> Option<BoardKind> {
-        BoardKind::named(&self.prepared.program.board.name).filter(|_| !is_native)
+    /// Its virtual board; `None`: the native one. The same each time.
+    pub(super) fn virtual_kind(&self, is_native: bool) -> Option<BoardKind> {
+        BoardKind::emulated(&self.prepared.program.board.name).filter(|_| !is_native)
     }
 }
 
@@ -338,7 +338,6 @@ fn begin(
 ) -> miette::Result<(Running, Arc<str>)> {
     let Staged { desk, prepared, proof, baud, is_at_rest } = &staged;
     let text: Arc<str> = desk.text().into();
-    let kind = staged.kind(args.native);
     let failed = |control: Control, error: miette::Report| {
         control.end(&RunEnded::failed(error.to_string()));
         error
@@ -346,7 +345,7 @@ fn begin(
     let hz = prepared.program.board.tick_hz;
     let Some(port) = &args.port else {
         interrupt::watch();
-        return match kind {
+        return match staged.virtual_kind(args.native) {
             Some(kind) => match Driven::on_virtual(kind, prepared, *baud) {
                 Ok(driven) => {
                     let begun = LiveBeginning::of(proving(driven, prepared, proof)?, *is_at_rest);
@@ -363,7 +362,7 @@ fn begin(
             },
         };
     };
-    let Some(kind) = kind else {
+    let Some(kind) = BoardKind::named(&prepared.program.board.name).filter(|_| !args.native) else {
         let help = "add --board uno or --board pico, or write it in the file";
         let board = &prepared.program.board.name;
         return Err(failed(

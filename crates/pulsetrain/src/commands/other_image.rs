@@ -13,10 +13,10 @@ use pulsetrain_session::drive::session_number;
 /// The error for the Uno at a port, if it answers and runs another image than `wanted`.
 pub(crate) fn image_at(port: &str, wanted: &'static str) -> Option<OtherImage> {
     let remote = Remote::open_if_free(Serial::open(port, false).ok()?, session_number()).ok()?;
-    let (board, image) = (remote.info().board, remote.info().image);
+    let (kind, image) = (remote.kind(), remote.info().image);
     remote.close();
     let is = image_name(image);
-    let has_images = BoardKind::numbered(board).is_some_and(BoardKind::has_image_for_each_role);
+    let has_images = kind.is_some_and(BoardKind::has_image_for_each_role);
     (has_images && is != wanted).then_some(OtherImage { is, wanted })
 }
 

@@ -4,7 +4,7 @@ use clap::Args;
 use std::path::Path;
 
 use pulsetrain_board::serial::{self, Listed, Usb};
-use pulsetrain_board::{Remote, RemoteError, Serial};
+use pulsetrain_board::{BoardKind, Remote, RemoteError, Serial};
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -57,7 +57,9 @@ pub(crate) fn run(args: &PortsArgs, console: &mut Console<'_>) -> miette::Result
         return Ok(Exit::Success);
     }
     let mut found: Vec<PortEntry> = serial::list().into_iter().map(|port| look(port, args.ask)).collect();
-    found.extend(flash::drives().iter().map(|drive| found_drive(drive)));
+    for kind in BoardKind::ALL {
+        found.extend(flash::drives(kind).iter().map(|drive| found_drive(kind, drive)));
+    }
     if args.json {
         console.print_json(&found)?;
         return Ok(Exit::Success);
@@ -83,10 +85,11 @@ no serial port was found, and no Pico that waits for an image
   On Linux `dmesg | tail` tells what the system makes of it; in a container ports have to be let in (--device).
 ";
 
-/// The drive of a Pico whose BOOTSEL was held.
-fn found_drive(drive: &Path) -> PortEntry {
-    let says = Some("`pulsetrain flash pico` writes the firmware".to_owned());
-    let (port, what) = (drive.display().to_string(), "Raspberry Pi Pico, waiting for an image".to_owned());
+/// The drive as which a board shows up that waits for an image.
+fn found_drive(kind: BoardKind, drive: &Path) -> PortEntry {
+    let says = Some(format!("`pulsetrain flash {}` writes the firmware", kind.name()));
+    let maker_name = kind.full_name().trim_start_matches("an ").trim_start_matches("a ");
+    let (port, what) = (drive.display().to_string(), format!("{maker_name}, waiting for an image"));
     PortEntry { port, what, usb: None, serial: None, says }
 }
 
@@ -251,7 +254,7 @@ mod tests {
     #[test]
     fn what_is_found_is_a_table_and_nothing_is_told_as_such() {
         assert_eq!(text(Vec::new()), NONE);
-        let drive = found_drive(Path::new("/media/me/RPI-RP2"));
+        let drive = found_drive(BoardKind::of(&pulsetrain_board::profiles::PICO), Path::new("/media/me/RPI-RP2"));
         let text = text(vec![drive]);
         assert!(text.contains("/media/me/RPI-RP2") && text.contains("waiting for an image"), "{text}");
         assert!(!text.contains("no serial port was found"), "{text}");

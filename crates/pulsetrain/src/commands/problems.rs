@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use miette::{Diagnostic, Report, miette};
-use pulsetrain_board::{LinkError, PortError, RemoteError};
+use pulsetrain_board::profiles::Role;
+use pulsetrain_board::{BoardKind, LinkError, PortError, RemoteError, VirtualBoard};
 
 use crate::console;
 use crate::control_socket::{RunClient, runs};
@@ -108,6 +109,11 @@ pub(crate) fn run_problem(error: DriveError, report: Option<Box<StoppedReport>>,
     RunStopped { report, help }.into()
 }
 
+/// The virtual board, if there is one of that kind.
+pub(super) fn virtual_board(kind: BoardKind, role: Role) -> miette::Result<Box<dyn VirtualBoard>> {
+    kind.virtual_board(role).ok_or_else(|| drive_problem(DriveError::NoVirtualBoard { board: kind.title() }))
+}
+
 /// The error for a run, with advice.
 pub(crate) fn drive_problem(error: DriveError) -> Report {
     let help = match &error {
@@ -118,6 +124,7 @@ pub(crate) fn drive_problem(error: DriveError) -> Report {
              `pulsetrain flash pico`. A board that speaks text alone, as the StepperWinch sketch and `board winch`: \
              `pulsetrain winch --port PORT`"
         }
+        DriveError::NoVirtualBoard { .. } => "say --port with the port of a real one",
         DriveError::Remote(RemoteError::OtherBoard { .. }) => "say --board with the board that is there",
         DriveError::Remote(RemoteError::OtherImage { is, wanted }) => return OtherImage { is, wanted }.into(),
         DriveError::Remote(RemoteError::Link(LinkError::Taken)) => {

@@ -151,7 +151,7 @@ pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Resul
         staged.rest_at(positions)?;
     }
     let (prepared, proof) = (&staged.prepared, &staged.proof);
-    let again = match staged.kind(head.is_native) {
+    let again = match staged.virtual_kind(head.is_native) {
         Some(kind) => {
             let driven = Driven::on_virtual(kind, prepared, staged.baud).map_err(drive_problem)?;
             again(proving(driven, prepared, proof)?, &staged, &log, args, console)?

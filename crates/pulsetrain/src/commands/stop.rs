@@ -258,7 +258,7 @@ fn stop_frames<P: Port>(mut board: Remote<P>) -> Result<StopReport, RemoteError>
     let (stopped, positions) = board.stop_motors()?;
     let tick_hz = f64::from(board.info().tick_hz);
     // If opening the port does not reset the board, its motors are still set up.
-    let resets = BoardKind::numbered(board.info().board).is_some_and(BoardKind::resets_when_opened);
+    let resets = board.kind().is_some_and(BoardKind::resets_when_opened);
     let reset = resets && !moved && positions.is_empty();
     board.close();
     let uncertain = (0..positions.len()).filter(|motor| stopped.uncertain >> motor & 1 == 1).collect();

@@ -4,14 +4,14 @@ use crate::arguments;
 use clap::{ArgGroup, Args};
 use miette::miette;
 use pulsetrain_board::BoardKind;
-use pulsetrain_board::registry::Role;
+use pulsetrain_board::profiles::Role;
 use pulsetrain_board::{Port, Remote, RemoteError, Serial};
 use pulsetrain_core::wire::settings::{AMAX, MAX_VMAX};
 use pulsetrain_core::wire::{Reason, Settings, Stored};
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::problems::{drive_problem, port_problem};
+use super::problems::{drive_problem, port_problem, virtual_board};
 use crate::console::{Console, Exit};
 use pulsetrain_motion::human;
 use pulsetrain_session::drive::session_number;
@@ -118,7 +118,7 @@ pub(crate) fn run(args: &StoreArgs, console: &mut Console<'_>) -> miette::Result
     let limits = args.limits.as_deref().map(limits).transpose()?;
     let kept = match &args.port {
         Some(name) => store(Serial::open(name, false).map_err(port_problem)?, args, limits),
-        None => store(args.board.unwrap_or(BoardKind::Uno).virtual_board(Role::Plans), args, limits),
+        None => store(virtual_board(args.board.unwrap_or_default(), Role::Plans)?, args, limits),
     };
     let stored = kept.map_err(problem)?;
     let kept = stored.settings.map(Kept::of);

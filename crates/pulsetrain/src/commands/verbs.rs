@@ -3,7 +3,7 @@
 use crate::arguments;
 use clap::{ArgGroup, Args, ValueEnum};
 use pulsetrain_board::BoardKind;
-use pulsetrain_board::registry::{Role, name_of};
+use pulsetrain_board::profiles::{Role, name_of};
 use std::fmt::Display;
 use std::io::{ErrorKind, IsTerminal, stdin, stdout};
 use std::ops::Range;
@@ -27,7 +27,7 @@ use pulsetrain_motion::quantity::{Base, Quantity};
 use pulsetrain_trace::winch::Status;
 
 use super::on_port::waits_with_notice;
-use super::problems::{drive_problem, port_problem};
+use super::problems::{drive_problem, port_problem, virtual_board};
 use super::winch::typed;
 use crate::console::{self, Console, Exit};
 use crate::winch::console::{ConsoleError, ConsoleInput, Person, Plain};
@@ -124,7 +124,7 @@ pub(crate) fn run(args: &VerbsArgs, console: &mut Console<'_>) -> miette::Result
     // The motors and the whole script are read, and perhaps refused, before anything moves.
     let wiring = Wiring::read(args)?;
     let script = args.script.as_deref().map(|path| load_script(path, &wiring)).transpose()?;
-    let virtual_board = || args.board.unwrap_or(BoardKind::Pico).virtual_board(Role::Verbs);
+    let virtual_board = || virtual_board(args.board.unwrap_or_default(), Role::Verbs);
     match (&args.port, script) {
         (Some(name), script) => {
             let port = Serial::open(name, true).map_err(port_problem)?;
@@ -132,9 +132,9 @@ pub(crate) fn run(args: &VerbsArgs, console: &mut Console<'_>) -> miette::Result
             last_positions::forget(name);
             run_on(port, name, args.baud, &wiring, script, false, console)
         }
-        (None, Some(script)) => run_on(virtual_board(), "", args.baud, &wiring, Some(script), true, console),
+        (None, Some(script)) => run_on(virtual_board()?, "", args.baud, &wiring, Some(script), true, console),
         (None, None) => {
-            let board = serve::Paced::new(virtual_board());
+            let board = serve::Paced::new(virtual_board()?);
             run_on(board, "", args.baud, &wiring, None, true, console)
         }
     }
@@ -183,17 +183,20 @@ impl Wiring {
         }
         let mut setup = kind.axes();
         if let Some(coils) = self.coils {
-            if kind != BoardKind::Pico {
-                let help = "leave --coils out, and use drivers with STEP and DIR; or a Pico";
-                return Err(miette!(help = help, "an {} cannot switch coils: only a Pico can", kind.title()));
-            }
+            let first = kind.profile().first_coil_pin.ok_or_else(|| {
+                let able =
+                    BoardKind::ALL.into_iter().map(BoardKind::profile).filter(|able| able.first_coil_pin.is_some());
+                let able = able.map(|able| able.title_with_article).collect::<Vec<_>>().join(" or ");
+                let this = kind.profile().title_with_article;
+                let help = format!("leave --coils out, and use drivers with STEP and DIR; or {able}");
+                miette!(help = help, "{this} cannot switch coils: only {able} can")
+            })?;
             let sequence = match coils {
                 Coils::Wave => Sequence::Wave,
                 Coils::Full => Sequence::Full,
                 Coils::Half => Sequence::Half,
             };
-            setup.motors =
-                (0..AXES.len() as u8).map(|axis| MotorSetup::coils_on(FIRST_COIL + 4 * axis, sequence)).collect();
+            setup.motors = (0..AXES.len() as u8).map(|axis| MotorSetup::coils_on(first + 4 * axis, sequence)).collect();
             setup.enable = None;
         }
         Ok(setup)
@@ -220,9 +223,6 @@ impl Wiring {
         Ok(told)
     }
 }
-
-/// GPIO of IN1 of axis x with --coils.
-const FIRST_COIL: u8 = 2;
 
 /// The values of a `speed` line: a number, and the unit behind it.
 fn speeds(words: &[&str]) -> Vec<String> {
@@ -468,7 +468,7 @@ fn connect<P: Port>(
     let problem = |error: RemoteError| drive_problem(error.into());
     let number = session_number();
     let remote = Remote::open(port, number).map_err(problem)?;
-    let (kind, image) = (BoardKind::numbered(remote.info().board), remote.info().image);
+    let (kind, image) = (remote.kind(), remote.info().image);
     if !matches!(image, 0 | image::VERBS) {
         remote.close();
         return Err(problem(RemoteError::OtherImage { is: image_name(image), wanted: image_name(image::VERBS) }));
@@ -789,6 +789,10 @@ impl<'a, P: Port, T: Person> VerbSession<'a, P, T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pulsetrain_board::profiles;
+
+    const UNO: BoardKind = BoardKind::of(&profiles::UNO);
+    const PICO: BoardKind = BoardKind::of(&profiles::PICO);
     use pulsetrain_board::PortError;
     use pulsetrain_board::shared::Shared;
     use pulsetrain_board::virtual_pico::VirtualPico;
@@ -898,7 +902,7 @@ mod tests {
     /// If the pins miss an edge, the counts differ.
     #[test]
     fn pins_count_each_rise_of_step_the_way_that_dir_has() {
-        let setup = BoardKind::Uno.axes();
+        let setup = UNO.axes();
         let mut pins = Pins::default();
         let edge = |line, level| Edge { tick: 0, line, level };
         for (line, level) in
@@ -937,7 +941,7 @@ mod tests {
         fn a_board_that_still_moves_is_left_moving() {
             let port = Deaf::new(Duration::ZERO..Duration::ZERO, Duration::from_secs(9));
             let mut first = Remote::open(port.clone(), 1).unwrap();
-            first.configure(&BoardKind::Pico.axes()).unwrap();
+            first.configure(&PICO.axes()).unwrap();
             first.tell_motors(&[(0, Verb::Move { steps: 100_000 })]).unwrap();
             first.close();
             let refused = connect(port.clone(), Baud::B1M, &Wiring::default(), || false).err().unwrap();
@@ -1008,7 +1012,7 @@ mod tests {
                     "{coils:?}: {said}"
                 );
             }
-            let uno = Wiring { coils: Some(Coils::Half), ..Wiring::default() }.setup(BoardKind::Uno).unwrap_err();
+            let uno = Wiring { coils: Some(Coils::Half), ..Wiring::default() }.setup(UNO).unwrap_err();
             assert!(uno.to_string().contains("only a Pico"), "{uno}");
         }
 

@@ -4,7 +4,7 @@ use crate::arguments;
 use crate::arguments::WinchAt;
 use clap::Args;
 use pulsetrain_board::BoardKind;
-use pulsetrain_board::registry::Role;
+use pulsetrain_board::profiles::Role;
 use pulsetrain_motion::Time;
 use std::io::{BufRead, IsTerminal, stdin, stdout};
 use std::path::Path;
@@ -16,12 +16,11 @@ use miette::{Report, miette};
 use pulsetrain_board::native_winch::NativeWinch;
 use pulsetrain_board::{Port, PortError, Serial, VirtualBoard};
 use pulsetrain_motion::boards;
-use pulsetrain_motion::pins::PinKind;
 use pulsetrain_trace::winch::{AXES, Status, WinchOptions};
 use pulsetrain_trace::{Line, Trace, steps, vcd_file};
 
 use super::other_image::image_at;
-use super::problems;
+use super::problems::{self, virtual_board};
 use super::run::draw;
 use crate::console::{self, Console, Exit, access};
 use crate::last_positions;
@@ -99,7 +98,7 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
         }
         None if args.at.native => run_virtual(NativeWinch::new(), "native winch", &name, &script, &options, console)?,
         None => {
-            let (board, runner) = (kind(args).virtual_board(Role::Winch), virtual_name(args));
+            let (board, runner) = (virtual_board(kind(args), Role::Winch)?, virtual_name(args));
             run_virtual(board, &runner, &name, &script, &options, console)?
         }
     };
@@ -165,7 +164,7 @@ fn run_virtual<B: VirtualBoard>(
 }
 
 fn kind(args: &WinchArgs) -> BoardKind {
-    args.at.board.unwrap_or(BoardKind::Uno)
+    args.at.board.unwrap_or_default()
 }
 
 fn virtual_name(args: &WinchArgs) -> String {
@@ -174,13 +173,19 @@ fn virtual_name(args: &WinchArgs) -> String {
 
 /// A virtual board's wiring, and when it makes its edges.
 fn options_of(board: BoardKind) -> WinchOptions {
-    if board == BoardKind::Pico {
-        return WinchOptions::pico();
-    }
-    let late = boards::find(board.name()).map_or(0, |row| row.lateness_ticks);
+    let wiring = board.profile().axes;
+    let (tick_hz, late_ticks) =
+        boards::find(board.name()).map_or((0, 0), |limits| (limits.tick_hz, limits.lateness_ticks));
     WinchOptions {
-        constant_ticks: PinKind::Shield.constant_ticks().into(),
-        late_ticks: late.into(),
+        tick_hz: tick_hz as f64,
+        step: wiring.pins.map(|(step, _)| step),
+        dir: wiring.pins.map(|(_, dir)| dir),
+        enable: wiring.enable,
+        constant_ticks: wiring.edge_delay_ticks.into(),
+        // The path's steps are rounded to ticks.
+        late_ticks: f64::from(late_ticks).max(1.0),
+        // An A4988's times, 1 µs.
+        shortest_ticks: tick_hz / 1_000_000,
         ..WinchOptions::default()
     }
 }
@@ -257,7 +262,7 @@ fn typed_lines(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result<Ex
         Some(port) => run_console(connect_at(port)?, console),
         None if args.at.native => run_console(connect(serve::Paced::new(NativeWinch::new()), "native winch")?, console),
         None => run_console(
-            connect(serve::Paced::new(kind(args).virtual_board(Role::Winch)), &virtual_name(args))?,
+            connect(serve::Paced::new(virtual_board(kind(args), Role::Winch)?), &virtual_name(args))?,
             console,
         ),
     }

@@ -183,7 +183,7 @@ impl RunInfo {
     #[must_use]
     pub fn new(file: &str, program: &Program, port: Option<&str>, is_native: bool) -> RunInfo {
         let pid = std::process::id();
-        let board = BoardKind::named(&program.board.name).filter(|_| !is_native);
+        let board = BoardKind::emulated(&program.board.name).filter(|_| !is_native);
         let kind = board.map_or_else(|| "native".to_owned(), |board| format!("virtual-{}", board.name()));
         let motors = program.motors.iter().map(|motor| MotorInfo {
             name: motor.name.clone(),

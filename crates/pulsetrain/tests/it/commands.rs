@@ -772,7 +772,7 @@ fn pins_apart_are_refused_with_what_fits() {
     assert_eq!(outcome.exit, Exit::Refused);
     let said = outcome.err.split(['│', '\n']).map(str::trim).collect::<Vec<_>>().join(" ");
     assert!(said.contains("an Uno cannot drive these pins together"), "{said}");
-    for kind in pulsetrain_motion::pins::PinKind::ALL {
+    for kind in pulsetrain_motion::boards::uno::PinKind::ALL {
         assert!(said.contains(&kind.to_string()), "{kind}: {said}");
     }
     assert_eq!(pulsetrain(&["plan", &path, "--board", "native"]).exit, Exit::Success);

@@ -1,10 +1,11 @@
 //! Sessions with a model board, over a line with faults.
 
 use pulsetrain_board::{Board, Edge, Port, Remote, RemoteError};
+use pulsetrain_core::RegisterWidths;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_core::wire::{Baud, Reason};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
-use pulsetrain_motion::{Grid, Law, Time};
+use pulsetrain_motion::{Grid, Law, Time, boards};
 use pulsetrain_session::drive::connect_as;
 use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::faulty::{Faulty, Rates};
@@ -33,10 +34,11 @@ fn motor(index: u8, law: Law) -> Motor {
 /// Two motors for three seconds, up to 1900 steps/s.
 fn two_sines() -> Program {
     let law = |amplitude, seconds, cycles| Law::sine(amplitude, Time::from_seconds(seconds), Some(cycles)).unwrap();
-    let board = program::Board {
+    let board = program::BoardLimits {
+        profile: &boards::NATIVE,
         name: "model".into(),
         tick_hz: TICK_HZ,
-        fraction_bits: 16,
+        registers: RegisterWidths::NARROW,
         max_motors: 4,
         min_interval_ticks: vec![160],
         hardware_timed: true,
@@ -44,7 +46,6 @@ fn two_sines() -> Program {
         one_timing: false,
         shared_steps: None,
         segment_ticks: Vec::new(),
-        source: "test".into(),
     };
     let motors = vec![motor(0, law(300.0, 1.0, 3)), motor(1, law(-200.0, 1.5, 2))];
     Program {

@@ -46,7 +46,7 @@ fn passes(program: &Program, segments: &[(Segment, Direction)]) -> bool {
         setup_ticks: u32::try_from(timing.dir_setup).unwrap(),
     };
     let motors = vec![MotorConfig { wiring, pull_in_ticks: u64::MAX }];
-    let mut board = Native::new(&Config { fraction_bits: program.board.fraction_bits, motors }).unwrap();
+    let mut board = Native::new(&Config { fraction_bits: program.board.registers.fraction_bits, motors }).unwrap();
     let mut edges = Vec::new();
     let mut push = |board: &mut Native, item| {
         let mut entry = Entry { epoch: Epoch(0), item };

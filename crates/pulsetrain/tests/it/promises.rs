@@ -51,7 +51,7 @@ fn the_page_of_benchmarks_quotes_the_promises() {
 fn the_page_of_limits_quotes_the_table_of_boards() {
     let check = |text: String| says("docs/limits.md", &text);
     let rate = |board: &str, motors: usize, unit: f64| {
-        let board = boards::find(board).expect("a board of the table").board;
+        let board = boards::find(board).expect("a board of the table").limits();
         board.tick_hz as f64 / f64::from(board.min_interval_ticks[motors - 1]) / unit
     };
     let down = |value: f64, digits: i32| (value * 10_f64.powi(digits)).floor() / 10_f64.powi(digits);

@@ -9,9 +9,9 @@ use pulsetrain_core::braking::Limit;
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_core::{Entry, Epoch, Item, Segment};
+use pulsetrain_core::{Entry, Epoch, Item, RegisterWidths, Segment};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
-use pulsetrain_motion::{Grid, Law, Time};
+use pulsetrain_motion::{Grid, Law, Time, boards};
 use pulsetrain_session::{Session, SessionError};
 use pulsetrain_testkit::model::ModelPort;
 use std::time::Duration;
@@ -147,10 +147,11 @@ impl<P: Port> Leased for Watched<P> {
 }
 
 fn program(laws: Vec<Law>, acceleration: f64) -> Program {
-    let board = program::Board {
+    let board = program::BoardLimits {
+        profile: &boards::NATIVE,
         name: "model".into(),
         tick_hz: TICK_HZ,
-        fraction_bits: 16,
+        registers: RegisterWidths::NARROW,
         max_motors: 4,
         min_interval_ticks: vec![80],
         hardware_timed: true,
@@ -158,7 +159,6 @@ fn program(laws: Vec<Law>, acceleration: f64) -> Program {
         one_timing: false,
         shared_steps: None,
         segment_ticks: Vec::new(),
-        source: "test".into(),
     };
     let motor = |(index, law)| Motor {
         name: format!("m{index}"),
@@ -351,7 +351,7 @@ mod chips {
     use crate::common::rigs;
     use pulsetrain_board::virtual_uno::VirtualUno;
     use pulsetrain_core::Direction;
-    use pulsetrain_motion::pins::PinKind;
+    use pulsetrain_motion::boards::uno::PinKind;
     use pulsetrain_plan::{Ensemble, Move};
     use pulsetrain_session::drive::connect_as;
     use std::path::Path;
@@ -361,7 +361,7 @@ mod chips {
 
     /// All steps of a plan, ticks from the laws' beginning on.
     fn planned(program: &Program) -> Vec<Vec<(u64, i64)>> {
-        let fraction_bits = program.board.fraction_bits;
+        let fraction_bits = program.board.registers.fraction_bits;
         let mut ensemble = Ensemble::new(program).unwrap();
         let mut of = |motor| {
             let mut accumulator = 1_i128 << (fraction_bits - 1);

@@ -19,7 +19,7 @@ use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
-use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::boards::uno::PinKind;
 use pulsetrain_testkit::folder::Folder;
 use pulsetrain_trace::winch::{WinchOptions, WinchReport};
 

@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use pulsetrain_motion::boards;
+use pulsetrain_motion::boards::uno::PinKind;
 use pulsetrain_motion::file;
-use pulsetrain_motion::pins::PinKind;
 use pulsetrain_motion::program::{Motor, Wiring};
 
 const WIRING: &str = include_str!("../../../../docs/wiring.md");

@@ -159,7 +159,7 @@ fn a_session_begins_at_the_tick_that_it_is_told() {
     let program = &prepared.program;
     let wiring = Wiring::StepDir { step: 0, dir: 1, forward_high: true, pulse_ticks: 16, setup_ticks: 16 };
     let motors = vec![MotorConfig { wiring, pull_in_ticks: 1 }];
-    let config = Config { fraction_bits: program.board.fraction_bits, motors };
+    let config = Config { fraction_bits: program.board.registers.fraction_bits, motors };
     let board = || Native::new(&config).unwrap();
     let hz = program.board.tick_hz;
     let mut first = None;

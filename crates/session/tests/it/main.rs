@@ -4,5 +4,6 @@
 mod control;
 mod fade;
 mod interleavings;
+mod new_board;
 mod onward;
 mod session;

@@ -8,10 +8,10 @@ use pulsetrain_board::{
     StopReport, SwitchRefused, Wiring,
 };
 use pulsetrain_core::braking::Limit;
-use pulsetrain_core::{Direction, Entry, Epoch, Item};
+use pulsetrain_core::{Direction, Entry, Epoch, Item, RegisterWidths};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::time::Rate;
-use pulsetrain_motion::{Grid, Law, Time, law::Cursor};
+use pulsetrain_motion::{Grid, Law, Time, boards, law::Cursor};
 use pulsetrain_plan::{Ensemble, Move, Settings};
 use pulsetrain_session::fade::{Begins, Change};
 use pulsetrain_session::{Session, SessionError};
@@ -43,10 +43,11 @@ pub(super) fn motor(index: usize, law: Law, shared: bool, limits: Limits) -> Mot
 }
 
 pub(super) fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
-    let board = program::Board {
+    let board = program::BoardLimits {
+        profile: &boards::NATIVE,
         name: "native".into(),
         tick_hz: TICK_HZ,
-        fraction_bits,
+        registers: RegisterWidths::with_fraction_bits(fraction_bits),
         max_motors: 16,
         min_interval_ticks: vec![160],
         hardware_timed: true,
@@ -54,7 +55,6 @@ pub(super) fn program(fraction_bits: u32, motors: Vec<Motor>) -> Program {
         one_timing: false,
         shared_steps: None,
         segment_ticks: Vec::new(),
-        source: "test".into(),
     };
     Program {
         board,
@@ -111,7 +111,7 @@ impl Bench {
             program::Wiring::Coils { .. } => unreachable!("motors of these tests have STEP and DIR"),
         };
         let motors = program.motors.iter().map(motor).collect();
-        let native = Native::new(&Config { fraction_bits: program.board.fraction_bits, motors }).unwrap();
+        let native = Native::new(&Config { fraction_bits: program.board.registers.fraction_bits, motors }).unwrap();
         let native = native.with_dir_hold(u32::try_from(timing.dir_hold).unwrap());
         let missing = native.credit(0) - capacity;
         Bench {
@@ -287,7 +287,7 @@ impl Observer for Lab {
 
 /// All steps of a program's plan, replayed in wide integers.
 pub(super) fn planned(program: &Program) -> Option<Vec<Vec<(u64, i64)>>> {
-    let fraction_bits = program.board.fraction_bits;
+    let fraction_bits = program.board.registers.fraction_bits;
     let mut ensemble = Ensemble::new(program).ok()?;
     let mut all = Vec::new();
     for motor in 0..program.motors.len() {

@@ -1,10 +1,9 @@
 //! The judge: compares edges, steps or a film with the law.
 //!
 //! ```
-//! # use pulsetrain_motion::{Grid, Law, Time, law::Sine, program::*};
+//! # use pulsetrain_motion::{Grid, Law, Time, boards::UNO, law::Sine, program::*};
 //! # use pulsetrain_trace::{steps::{Step, StepTrace}, verdict::{self, Options}};
-//! # let board = Board { name: "uno".into(), tick_hz: 16_000_000, fraction_bits: 16, max_motors: 4,
-//! #     min_interval_ticks: vec![640], hardware_timed: true, one_timing: false, turn_ticks: 0, shared_steps: None, segment_ticks: vec![], source: "estimate".into() };
+//! # let board = BoardLimits { min_interval_ticks: vec![640], hardware_timed: true, one_timing: false, turn_ticks: 0, ..UNO.limits() };
 //! # let motor = Motor { name: "wheel".into(),
 //! #     law: Law::Sine(Sine { amplitude: 1.0, period: Time::SECOND, cycles: Some(1) }),
 //! #     wiring: Wiring::StepDir { step: 8, dir: 9, forward_high: false, enable: None },

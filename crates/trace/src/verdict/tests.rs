@@ -4,9 +4,9 @@ use expect_test::{Expect, expect};
 use proptest::prelude::*;
 use pulsetrain_motion::law::{Class, Curve, Entry, Fixed, Piece, Sine, Steady};
 use pulsetrain_motion::program::{
-    Board, CoilSequence, DriverTiming, Limits, Motor, Program, Scale, SharedSteps, Tolerance, Wiring,
+    BoardLimits, CoilSequence, DriverTiming, Limits, Motor, Program, Scale, SharedSteps, Tolerance, Wiring,
 };
-use pulsetrain_motion::{Grid, Law, Time};
+use pulsetrain_motion::{Grid, Law, Time, boards};
 use std::sync::Arc;
 
 use super::*;
@@ -38,10 +38,11 @@ fn motor(name: &str, law: Law, step: u8, dir: u8) -> Motor {
 }
 
 fn program(grid: Grid, motors: Vec<Motor>) -> Program {
-    let board = Board {
+    let board = BoardLimits {
+        profile: &boards::UNO,
         name: "uno".into(),
         tick_hz: HZ,
-        fraction_bits: 16,
+        registers: boards::UNO.registers,
         max_motors: 4,
         min_interval_ticks: vec![320],
         hardware_timed: true,
@@ -49,7 +50,6 @@ fn program(grid: Grid, motors: Vec<Motor>) -> Program {
         one_timing: false,
         shared_steps: None,
         segment_ticks: Vec::new(),
-        source: "estimate".into(),
     };
     Program {
         board,

@@ -15,8 +15,7 @@ pub(crate) mod pins;
 pub(crate) mod pio;
 pub(crate) mod stepper;
 
-/// Motors at most: one for each state machine.
-pub(crate) const MOTORS: usize = 8;
+pub(crate) use pulsetrain_core::boards::pico::MAX_MOTORS as MOTORS;
 
 /// Words of a motor's ring: 8 KiB, and aligned to that, as the DMA wraps addresses at a power of two. 2.4 ms at 850 000 steps/s.
 pub(crate) const RING_WORDS: usize = 2048;

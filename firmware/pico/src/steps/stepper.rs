@@ -20,20 +20,15 @@ use pulsetrain_core::winch::spacing::SliceSteps;
 use pulsetrain_core::wire::message::{Configuration, QUEUE_PARTS, flags, limits_of};
 use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
 
+pub(crate) use pulsetrain_core::boards::pico::{
+    LOOK_AHEAD, MAX_PULSE as LONGEST_PULSE, MAX_QUEUE_BYTES as LONGEST_QUEUE_BYTES, QUEUE_BYTES as POOL_BYTES,
+};
+
 /// F.
-pub(crate) const FRACTION_BITS: u32 = 32;
-
-/// Bytes of all motors' queues together: what is left of the RAM, and a multiple of [`QUEUE_PARTS`].
-pub(crate) const POOL_BYTES: usize = 32_768;
-
-/// Bytes of one motor's queue at most: a quarter of all.
-const LONGEST_QUEUE_BYTES: usize = 8192;
+pub(crate) const FRACTION_BITS: u32 = pulsetrain_core::boards::pico::REGISTERS.fraction_bits;
 
 /// Runs of a tape: words that all count the same. A motor that turns at every step has a run for each word.
 const TAPE_RUNS: usize = 128;
-
-/// The look-ahead of plans and paths, ticks: 2.4 ms. Words are written so far ahead, and a switch can be no sooner.
-pub(crate) const LOOK_AHEAD: u32 = TICK_HZ / 10_000 * 24;
 
 /// When words are written, and how far ahead; all in ticks.
 #[derive(Clone, Copy)]
@@ -116,9 +111,6 @@ const LATE: u32 = 6 * TENTH_MS;
 
 /// From the opened gate to the first change of lines: 0.5 ms, so that there is time to write the first words.
 const FIRST_WAIT: u32 = TICK_HZ / 2000;
-
-/// The longest pulse and set-up, ticks: 0.5 ms.
-pub(crate) const LONGEST_PULSE: u16 = 62_500;
 
 /// Coils are released at most so long after a step, ms: a `Tick32` tells ticks apart within 2^31, which is 17 s.
 pub(crate) const LONGEST_IDLE_MS: u16 = 8000;

@@ -5,8 +5,7 @@ use crate::engine::steps::refill;
 use core::arch::global_asm;
 use pulsetrain_core::Tick32;
 
-/// Ticks per second; one tick is one processor cycle.
-pub(crate) const TICK_HZ: u32 = 16_000_000;
+pub(crate) use pulsetrain_core::boards::uno::TICK_HZ;
 
 // clock_moment: gives the lower half of the clock in r22 to r25, as C does. When Timer1 shows less than last time, it has wrapped.
 // Interrupts are off for 6 cycles, since all registers of Timer1 share one byte for their high halves (DS40002061B §16.3).

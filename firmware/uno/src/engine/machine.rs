@@ -15,6 +15,7 @@ use crate::engine::steps::plan_frames::answer;
 use crate::engine::steps::refill;
 use crate::engine::steps::stepper::{self, LONGEST, RingFault};
 use crate::engine::store;
+use pulsetrain_core::boards::uno;
 use pulsetrain_core::lease::Lease;
 use pulsetrain_core::wire::frame::Tag;
 use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Event, Info, Measures, flags, kind};
@@ -412,10 +413,10 @@ impl BoardSide for Board {
         Info {
             nonce: 0,
             tag: Tag::NONE,
-            board: 1,
+            board: uno::NUMBER,
             firmware: [0, 2, 0],
             tick_hz: TICK_HZ,
-            fraction_bits: 16,
+            fraction_bits: uno::REGISTERS.fraction_bits as u8,
             max_motors: MAX_MOTORS as u8,
             pool: if ThisProgram::PLANS { memory::POOL as u16 } else { 0 },
             max_body: 0,

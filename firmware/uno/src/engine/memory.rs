@@ -28,7 +28,7 @@ use pulsetrain_core::wire::message::QUEUE_PARTS;
 /// Bytes of all motors' queues together. There are [`PAGE`] more where one ring is enough and nothing is merged.
 pub(crate) const POOL: usize = ThisProgram::POOL;
 /// Bytes of a ring.
-const PAGE: usize = 256;
+const PAGE: usize = pulsetrain_core::boards::uno::RING_BYTES;
 /// Room for the longest reply: Status of four motors, and a zero before it.
 pub(crate) const REPLY_LEN: usize = 56;
 

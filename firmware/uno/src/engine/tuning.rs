@@ -142,26 +142,16 @@ pub(crate) mod shield_b {
 
 /// `steps/stepper.rs`: the spacing of groups, the latency of edges, the look-ahead.
 pub(crate) mod stepper {
-    /// Latency of an edge that an interrupt makes, at most, ticks. Shown by steps.
-    pub(crate) const LATENCY: u8 = 24;
-    /// The same where the merge moves it too, or another ring's interrupt may come first.
-    pub(crate) const LATENCY_MERGED: u8 = 60;
-    /// Ticks between two groups, at least: from a match until the interrupt has set the next, and the longest time that it can be
-    /// kept waiting; and the length of the interrupt + 4, so that delays die out. Shown by masked, and steps.
-    pub(crate) const SPACING: u8 = 48;
+    // The host plans with these: core has them, with what they mean. Latencies are shown by steps; `SPACING` by masked, and steps; the
+    // shield's by masked; the two others by compare, and steps; `END_DELAY` by `cargo test -p pulsetrain-board --test it chips::uno_pins::pulses`.
+    pub(crate) use pulsetrain_core::boards::uno::{
+        END_DELAY, LATENCY, LATENCY_MERGED, SPACING, SPACING_SHIELD, SPACING_TWO_COMPARE, SPACING_TWO_RINGS,
+    };
     const _: () = assert!(SPACING >= 38 + 4);
-    /// The same where the interrupt makes pulses of 1.9 µs, which takes it longer.
+    /// [`SPACING`] where the interrupt makes pulses of 1.9 µs, which takes it longer.
     pub(crate) const SPACING_STRETCHED: u8 = 60;
     const _: () = assert!(SPACING_STRETCHED >= 55 + 4);
-    /// The shield's: with the short pulse, and with pulses of 1.9 µs.
-    pub(crate) const SPACING_SHIELD: [u8; 2] = [60, 76];
     const _: () = assert!(SPACING_SHIELD[0] >= 53 + 4 && SPACING_SHIELD[1] >= 65 + 4);
-    /// With the compare hardware, or with two rings on PORTD, where the other's interrupt may come first. Shown by compare, and steps.
-    pub(crate) const SPACING_TWO_RINGS: u8 = 96;
-    /// With two motors of the compare hardware. The interrupt switches toggling on and off after a match, and must have done so before the next match,
-    /// or the pin has the wrong level from then on. Until then there may come: two stretches with interrupts off (engine/mod.rs), the other ring's longer
-    /// path and the instruction after it, and the way to the register. Shown by compare.
-    pub(crate) const SPACING_TWO_COMPARE: u8 = 171;
     const _: () = assert!(2 * 14 + 67 + 5 + 54 < SPACING_TWO_COMPARE);
     /// The merged ring on PORTD while ring B is in use. It waits for ring B's interrupt for up to 30 cycles, so that 60 would do; but the wider, the
     /// more steps share a group. Shown by rates.
@@ -172,10 +162,7 @@ pub(crate) mod stepper {
     /// Ticks between two steps of a motor with a ring of its own, at least, if they are to be made in batches: with one ring, and with two. Shown by
     /// rates.
     pub(crate) const MIN_INTERVAL: [u16; 2] = [60, 130];
-    /// From a group's tick to its second write, ticks, when no interrupt was kept waiting. Shown by
-    /// `cargo test -p pulsetrain-board --test it chips::uno_pins::pulses`.
-    pub(crate) const END_DELAY: u8 = 16;
-    /// The same with the compare hardware, where DIR is toggled on a longer path.
+    /// [`END_DELAY`] with the compare hardware, where DIR is toggled on a longer path.
     pub(crate) const END_DELAY_COMPARE: u8 = 48;
     /// The same of ring B of the shield, and the pulse that its interrupt makes. The delay is 92 where the merged ring's interrupt is let in; the
     /// difference is within the slack for merged edges, which ring B does not need.
@@ -217,7 +204,7 @@ pub(crate) mod verbs {
     pub(crate) const SHORTEST_PERIOD_STRETCHED: u16 = 413;
     pub(crate) const SHORT_PULSE: u16 = 16;
     /// The longest pulse, ticks: a longer one takes two groups a step, for which the refill has no time. Shown by verbs.
-    pub(crate) const MAX_PULSE: u16 = 31;
+    pub(crate) const MAX_PULSE: u16 = pulsetrain_core::boards::uno::MAX_SHORT_PULSE;
 }
 
 /// `bin/uno-winch`.

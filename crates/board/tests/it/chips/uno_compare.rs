@@ -26,7 +26,7 @@ const PINS: [(&[(u8, u8)], Timing); 7] = [
 const FILLER: u64 = 16_384;
 
 /// After a turn the first step comes so long after the last one, at least, with one motor and with two: what the boards' table has for the compare
-/// hardware (`TURN_TICKS_BY_COMPARE` in crates/motion/src/boards.rs).
+/// hardware (`TURN_TICKS_BY_COMPARE` in crates/motion/src/boards/uno/timing.rs).
 const TURN: [u64; 2] = [192, 342];
 
 /// Ticks of a plan's parts: from the last step before a turn to the first after it, so many steps of that interval, and so on.

@@ -32,17 +32,18 @@ pub(crate) struct Step {
 /// Plans `law` and shows `each` of its steps, replayed in wide integers: not with the code that boards run.
 pub(crate) fn replay(law: &Law, settings: &Settings, mut each: impl FnMut(Step)) -> Result<Certificate, PlanError> {
     let mut planner = Planner::new(law, settings)?;
-    let mut accumulator = 1_i128 << (settings.fraction_bits - 1);
+    let mut accumulator = 1_i128 << (settings.registers.fraction_bits - 1);
     while let Some(next) = planner.next_move()? {
         match next {
-            Move::Dwell { ticks } => accumulator += i128::from(ticks) << settings.fraction_bits,
+            Move::Dwell { ticks } => accumulator += i128::from(ticks) << settings.registers.fraction_bits,
             Move::Run { segment, direction } => {
                 let (mut interval, mut add) = (i128::from(segment.interval), i128::from(segment.add));
                 for _ in 0..segment.count {
                     accumulator += interval;
                     interval += add;
                     add += i128::from(segment.add2);
-                    let tick = u64::try_from(accumulator >> settings.fraction_bits).expect("a tick after the start");
+                    let tick =
+                        u64::try_from(accumulator >> settings.registers.fraction_bits).expect("a tick after the start");
                     each(Step { tick, forward: direction == Direction::Forward });
                 }
             }
@@ -61,7 +62,7 @@ pub(crate) fn steps(law: &Law, settings: &Settings) -> Result<(Vec<Step>, Certif
 /// Bytes of the packed stream of `law`, by core's packing; each is unpacked again.
 pub(crate) fn packed_bytes(law: &Law, settings: &Settings) -> Result<usize, PlanError> {
     let gain = settings.gain().expect("settings for the packed stream");
-    let packing = Packing { fraction_bits: settings.fraction_bits, gain };
+    let packing = Packing { fraction_bits: settings.registers.fraction_bits, gain };
     let (mut here, mut there) = (State::default(), State::default());
     let mut planner = Planner::new(law, settings)?;
     let mut bytes = 0;

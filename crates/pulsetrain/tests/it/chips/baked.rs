@@ -1,7 +1,7 @@
 //! Uno images of `pulsetrain bake` on the virtual Uno: the firmware without a host, with a motion behind it. The pins
 //! are judged.
 //!
-//! Each edge is within its certificate, a tick, and the firmware's known lateness (`BoardRow::lateness_ticks`, 0 with
+//! Each edge is within its certificate, a tick, and the firmware's known lateness (`BoardProfile::lateness_ticks`, 0 with
 //! the compare hardware), as in any run on an Uno. Times count from the board's clock, on which the laws' zero is tick
 //! [`ZERO`].
 

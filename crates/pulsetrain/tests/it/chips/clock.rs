@@ -8,7 +8,7 @@ use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Edge, RemoteError};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_motion::boards;
-use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::boards::uno::PinKind;
 use pulsetrain_session::drive::Driven;
 use pulsetrain_session::prepare::Prepared;
 use pulsetrain_trace::verdict::{self, Align, Options, Report};

@@ -2,7 +2,7 @@
 
 use crate::live::{Stage, TEXT, one_change, staged, together};
 use pulsetrain::live::{Happened, LiveEvent, Show};
-use pulsetrain_board::registry::Role;
+use pulsetrain_board::profiles::Role;
 use pulsetrain_board::{BoardKind, Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_session::drive::{Driven, connect_as};
@@ -98,7 +98,7 @@ fn motors_join_the_motion_again_after_the_host_was_too_slow() {
     let asleep = Arc::new(Mutex::new(Duration::ZERO));
     let (desk, mut prepared) = staged(TEXT);
     prepared.over_line(None);
-    let port = Sleepy { board: kind().virtual_board(Role::Plans), asleep: Arc::clone(&asleep) };
+    let port = Sleepy { board: kind().virtual_board(Role::Plans).unwrap(), asleep: Arc::clone(&asleep) };
     let driven = Driven::with(&prepared, |program| connect_as(port, program, Baud::B1M, 1)).unwrap();
     let mut stage = Stage::new(Show::new(driven, desk, true));
     for times in 1..=2 {
@@ -124,7 +124,7 @@ fn a_stop_ends_the_motion_although_the_host_was_too_slow() {
     let asleep = Arc::new(Mutex::new(Duration::ZERO));
     let (desk, mut prepared) = staged(TEXT);
     prepared.over_line(None);
-    let port = Sleepy { board: kind().virtual_board(Role::Plans), asleep: Arc::clone(&asleep) };
+    let port = Sleepy { board: kind().virtual_board(Role::Plans).unwrap(), asleep: Arc::clone(&asleep) };
     let driven = Driven::with(&prepared, |program| connect_as(port, program, Baud::B1M, 1)).unwrap();
     let mut stage = Stage::new(Show::new(driven, desk, true));
     stage.run(1.3);

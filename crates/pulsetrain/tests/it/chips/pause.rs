@@ -25,7 +25,7 @@ fn motor(step: u8, dir: u8, law: Law) -> Motor {
 }
 
 fn program(motors: Vec<Motor>) -> Program {
-    let board = boards::find("uno").unwrap().board;
+    let board = boards::find("uno").unwrap().limits();
     Program {
         board,
         grid: Grid::NEAREST,

@@ -77,10 +77,10 @@ fn coils_turn_at_every_phase() {
 fn limits_of_the_table_hold() {
     let pico = VirtualPico::on_usb();
     let row = boards::find("pico").expect("the table has it");
-    let rate = |ticks: u32| row.board.tick_hz as f64 / f64::from(ticks);
+    let rate = |ticks: u32| row.tick_hz as f64 / f64::from(ticks);
     for motors in [1, 2, 4, 6, 8] {
         let place = motors - 1;
-        let (step, segment) = (row.board.min_interval_ticks[place], row.board.segment_ticks[place]);
+        let (step, segment) = (row.min_interval_ticks[place], row.segment_ticks[place]);
         let changing = Case::changing(motors, "TMC2209");
         let mut cases = vec![
             (changing, rate(step)),
@@ -109,7 +109,7 @@ fn limits_of_the_table_hold() {
 #[test]
 fn limits_on_what_is_heard_hold() {
     let pico = VirtualPico::on_usb();
-    let board = boards::find("pico").expect("the table has it").board;
+    let board = boards::find("pico").expect("the table has it").limits();
     for motors in [2, 8] {
         let segment = board.segment_ticks[motors - 1];
         for (case, steps, ticks) in [

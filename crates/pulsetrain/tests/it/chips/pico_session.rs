@@ -37,7 +37,7 @@ fn motor(index: usize, law: Law, limits: Limits) -> Motor {
 
 fn program(motors: Vec<Motor>) -> Program {
     let row = boards::find("pico").unwrap();
-    let mut board = row.board.clone();
+    let mut board = row.limits();
     (board.min_interval_ticks, board.turn_ticks) = (row.shortest_intervals(&motors), row.turn_ticks(&motors));
     let (grid, tolerance) = (Grid::NEAREST, Tolerance::Ticks(1.0));
     Program { board, grid, tolerance, idle_ms: None, motors, machines: Vec::new(), queue_parts: Vec::new() }

@@ -10,7 +10,7 @@ use pulsetrain_board::{Board, Edge, Port, PortError, Remote};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::program::Program;
-use pulsetrain_motion::{file, pins::PinKind};
+use pulsetrain_motion::{boards::uno::PinKind, file};
 use pulsetrain_session::Session;
 use pulsetrain_session::drive::connect;
 use pulsetrain_trace::vcd_file;

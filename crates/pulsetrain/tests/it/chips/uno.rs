@@ -8,7 +8,7 @@ use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Remote, RemoteError, Setup};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::MotorSetup;
-use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::boards::uno::PinKind;
 use pulsetrain_motion::{Time, boards};
 use pulsetrain_session::drive::{DriveError, Driven};
 use pulsetrain_session::prepare::Prepared;
@@ -28,7 +28,7 @@ const LATE: i64 = 60;
 #[test]
 fn queues_are_as_long_as_the_table_says() {
     let row = boards::find("uno").expect("the Uno's row");
-    for (motors, bytes) in (1..).zip(&row.queue_bytes) {
+    for (motors, bytes) in (1..).zip(row.queue_bytes) {
         let pins = [(2, 5), (3, 6), (4, 7), (12, 13)];
         let motor = |&(step_pin, dir_pin): &(u8, u8)| MotorSetup { step_pin, dir_pin, ..MotorSetup::default() };
         let motors: Vec<MotorSetup> = pins.iter().take(motors).map(motor).collect();
@@ -79,7 +79,7 @@ fn constants_are_what_is_measured() {
         ((12, 13), PinKind::PortB),
     ] {
         let mut prepared = swing(pins);
-        prepared.program.board = boards::find("uno").expect("the Uno's row").board;
+        prepared.program.board = boards::find("uno").expect("the Uno's row").limits();
         assert_eq!(PinKind::of(&prepared.program.motors), Ok(kind));
         let made = make(&prepared, LATE as f64, |_| {}).expect("it begins");
         let seen = made.seen;

@@ -77,7 +77,7 @@ fn two_motors_on_sinusoids_do_not_starve() {
             let law = Law::sine(rate / (TAU * hertz), Time::from_seconds(1.0 / hertz), Some(hertz.round() as u64));
             rigs::motor(index, SHIELD[index], law.expect("a sinusoid"))
         });
-        let mut prepared = rigs::prepared(&boards::find("uno").expect("the Uno's row"), motors.collect());
+        let mut prepared = rigs::prepared(boards::find("uno").expect("the Uno's row"), motors.collect());
         prepared.over_line(None);
         prepared.prove(|_| {}).expect("`plan` accepts it");
         let made = make(&prepared, MOST_CYCLES as f64, |_| {}).expect("it begins");
@@ -111,7 +111,7 @@ fn queues_by_need_let_one_motor_turn_more_often() {
     let motion = |hertz: f64| {
         let laws = [sine(4_000.0, hertz), sine(1_000.0, 2.5), sine(900.0, 2.5), sine(800.0, 2.5)];
         let motors = laws.into_iter().enumerate().map(|(index, law)| rigs::motor(index, SHIELD[index], law));
-        let mut prepared = rigs::prepared(&boards::find("uno").expect("the Uno's row"), motors.collect());
+        let mut prepared = rigs::prepared(boards::find("uno").expect("the Uno's row"), motors.collect());
         prepared.over_line(None);
         prepared
     };

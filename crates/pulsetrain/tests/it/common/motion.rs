@@ -6,7 +6,7 @@ use pulsetrain_board::{Edge, Observer, Port, Remote, ScheduledStep, WithReferenc
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
-use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::boards::uno::PinKind;
 use pulsetrain_motion::program::Motor;
 use pulsetrain_session::control::Ended;
 use pulsetrain_session::control::Event;

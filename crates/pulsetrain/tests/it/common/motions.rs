@@ -82,7 +82,7 @@ impl Shape {
         };
         let laws: Vec<Law> = (0..motors).map(law).collect();
         let motors = laws.into_iter().enumerate().map(|(index, law)| rigs::motor(index, SHIELD[index], law));
-        rigs::prepared(&boards::find("uno").expect("the table has the Uno"), motors.collect())
+        rigs::prepared(boards::find("uno").expect("the table has the Uno"), motors.collect())
     }
 }
 

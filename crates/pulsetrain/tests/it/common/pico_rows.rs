@@ -314,7 +314,7 @@ pub(crate) fn on_coils(motors: usize) -> Vec<Motor> {
 }
 
 fn prepared(file: &str, motors: Vec<Motor>) -> Prepared {
-    let board = boards::find("pico").expect("the table has the Pico").board;
+    let board = boards::find("pico").expect("the table has the Pico").limits();
     let machines = Vec::new();
     let program = Program {
         board,

@@ -2,7 +2,7 @@
 
 use super::uno::{COMPARE, PORT_B, Pins, SHIELD, TUTORIAL};
 use pulsetrain_board::Edge;
-use pulsetrain_motion::boards::{self, BoardRow};
+use pulsetrain_motion::boards::{self, BoardProfile};
 use pulsetrain_motion::program::{DriverTiming, Limits, Motor, Program, Scale, Tolerance, Wiring};
 use pulsetrain_motion::{Grid, Law, Time};
 use pulsetrain_session::prepare::Prepared;
@@ -24,7 +24,7 @@ pub(crate) fn motion(board: &str, random: &mut Random) -> Prepared {
         let motors = pins.iter().enumerate().map(|(index, pins)| motor(index, *pins, slow_law(random)));
         let mut motors: Vec<Motor> = motors.collect();
         let fastest = f64::from(row.shortest_intervals(&motors)[motors.len() - 1]);
-        let fastest = (row.board.tick_hz as f64 / fastest).min(FASTEST);
+        let fastest = (row.tick_hz as f64 / fastest).min(FASTEST);
         for motor in &mut motors {
             let peak = fastest * (slowest + (0.85 - slowest) * random.fraction());
             (motor.law, motor.limits) = law(peak, random);
@@ -91,8 +91,8 @@ pub(crate) fn motor(index: usize, (step, dir): (u8, u8), law: Law) -> Motor {
 }
 
 /// Motors on a board, with a tolerance of 1 µs.
-pub(crate) fn prepared(row: &BoardRow, motors: Vec<Motor>) -> Prepared {
-    let mut board = row.board.clone();
+pub(crate) fn prepared(row: &'static BoardProfile, motors: Vec<Motor>) -> Prepared {
+    let mut board = row.limits();
     (board.min_interval_ticks, board.turn_ticks) = (row.shortest_intervals(&motors), row.turn_ticks(&motors));
     let program = Program {
         board,

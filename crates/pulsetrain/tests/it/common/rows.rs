@@ -265,7 +265,7 @@ fn plateaus(pins: &[(u8, u8)], rate: f64, apart: f64) -> Prepared {
     let motors: Vec<Motor> = motors.collect();
     // The limits of a motion file.
     let row = boards::find("uno").expect("the table has the Uno");
-    let mut program = Program { board: row.board.clone(), motors, tolerance: Tolerance::Seconds(1e-6), ..program };
+    let mut program = Program { board: row.limits(), motors, tolerance: Tolerance::Seconds(1e-6), ..program };
     program.board.min_interval_ticks = row.shortest_intervals(&program.motors);
     program.board.turn_ticks = row.turn_ticks(&program.motors);
     Prepared {
@@ -364,7 +364,7 @@ pub(crate) fn rates() -> Vec<f64> {
 
 /// A motor of the tutorial: 5 revolutions to either side of a sinusoid.
 pub(crate) fn tutorial(period: Time, cycles: u64, (step, dir): (u8, u8), pulse_ns: u32) -> Prepared {
-    let board = boards::find("uno").expect("the table has the Uno").board;
+    let board = boards::find("uno").expect("the table has the Uno").limits();
     let law = Motion::sine(2000.0, period, Some(cycles)).expect("a sinusoid");
     let motor = Motor {
         name: "wheel".to_owned(),

@@ -4,7 +4,7 @@ use pulsetrain_board::virtual_uno::VirtualUno;
 use pulsetrain_board::{Board, Edge, Observer, Remote, ScheduledStep};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
-use pulsetrain_motion::pins::PinKind;
+use pulsetrain_motion::boards::uno::PinKind;
 use pulsetrain_motion::program;
 use pulsetrain_session::lateness::{Lateness, Meter};
 use pulsetrain_testkit::segments::{Law, Stream};

@@ -19,7 +19,7 @@ impl Program for ThisProgram {
     const IMAGE: u8 = image::PLANS;
     const PLANS: bool = true;
     const LEASES: bool = true;
-    const POOL: usize = 376;
+    const POOL: usize = pulsetrain_core::boards::uno::QUEUE_BYTES;
 }
 
 // Steps come from records in the queues, and from braking.

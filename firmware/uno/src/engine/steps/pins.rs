@@ -17,8 +17,7 @@ use crate::engine::regs::{self, Port};
 use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN};
 use pulsetrain_core::wire::{Reason, Refusal};
 
-/// Motors, at most.
-pub(crate) const MAX_MOTORS: usize = 4;
+pub(crate) use pulsetrain_core::boards::uno::MAX_MOTORS;
 
 /// How edges are made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,5 +13,3 @@ pub(super) const BY_COMPARE: [[u32; 4]; 2] = [[102, 102, 1976, 1976], [205, 209,
 pub(super) const LATENESS: u32 = 57;
 /// How far ahead it commits itself at most.
 pub(super) const HORIZON: u32 = 55093;
-/// Bytes of its queues.
-pub(super) const QUEUES: u32 = 376;

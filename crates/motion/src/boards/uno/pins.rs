@@ -1,17 +1,13 @@
-//! Which pins of a board work together.
+//! Which pins an Uno drives together.
 //!
-//! The Uno's interrupt changes pins by writing one port register. So STEP and DIR lines must be on one port, or be those that the compare
+//! Its interrupt changes pins by writing one port register. So STEP and DIR lines must be on one port, or be those that the compare
 //! hardware drives. Enable lines are not timed, and may be on any pin.
-//!
-//! A Pico's state machine drives pins with consecutive numbers (RP2040 datasheet, 3.5.6): [`check_pico`]. GPIO 23 to 25 are not on its
-//! header; the pins of coils may continue from 22 to 26.
 
-use std::cmp::Reverse;
 use std::fmt;
-use std::ops::RangeInclusive;
 
+use crate::boards::pins::{EnableLine, PinsError, TwoEnables};
 use crate::motor::{Motor, Wiring};
-use pulsetrain_core::wire::message::coil_pins;
+use pulsetrain_core::boards::uno;
 
 /// A set of pins that the Uno's firmware drives together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,56 +39,18 @@ impl fmt::Display for Stray {
     }
 }
 
-/// Why an Uno cannot drive these motors; [`PinsError::advice`] says what fits.
+/// Why an Uno cannot drive these motors; [`UnoPinsError::advice`] says what fits.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum PinsError {
+pub enum UnoPinsError {
     /// The Uno's firmware does not drive coils.
     #[error("motor `{motor}` has four coil lines, but the Uno's firmware drives STEP and DIR")]
     Coils {
         /// Whose.
         motor: String,
     },
-    /// Two motors have different enable lines, and the Uno has one for all.
-    #[error("motors `{first}` and `{second}` have enable lines of their own, but the board has one for all")]
-    TwoEnables {
-        /// The first motor with an enable line.
-        first: String,
-        /// The first motor with another pin or another level.
-        second: String,
-    },
-    /// STEP and DIR are not neighbours, so that one state machine cannot drive both.
-    #[error(
-        "DIR of `{motor}` (pin {dir}) is not next to its STEP (pin {step}), but a Pico drives the two as neighbours"
-    )]
-    NotBeside {
-        /// Whose.
-        motor: String,
-        /// Pin of STEP.
-        step: u8,
-        /// Pin of DIR.
-        dir: u8,
-    },
-    /// Two motors share a DIR pin, which two state machines cannot.
-    #[error("motors `{first}` and `{second}` share DIR (pin {pin}), but a Pico needs one for each motor")]
-    SharedDir {
-        /// One motor.
-        first: String,
-        /// The other motor.
-        second: String,
-        /// Their DIR pin.
-        pin: u8,
-    },
-    /// The four pins of coils are not consecutive, so that one state machine cannot drive them.
-    #[error(
-        "the coils of `{motor}` are on pins {}, {}, {} and {}, but a Pico drives four that stand one after the other on its \
-         header, IN1 on the lowest", .pins[0], .pins[1], .pins[2], .pins[3]
-    )]
-    CoilsApart {
-        /// Whose.
-        motor: String,
-        /// IN1 to IN4.
-        pins: [u8; 4],
-    },
+    /// The board has one enable line for all.
+    #[error(transparent)]
+    TwoEnables(#[from] TwoEnables),
     /// The pins are not of one kind.
     #[error("an Uno cannot drive these pins together: {}", list(.strays))]
     Apart {
@@ -111,25 +69,16 @@ fn list(strays: &[Stray]) -> String {
     }
 }
 
-impl PinsError {
+impl UnoPinsError {
     /// What would work instead.
     #[must_use]
     pub fn advice(&self) -> String {
         match self {
-            PinsError::Coils { .. } => "give it a driver with STEP and DIR, or run it with --board native".to_owned(),
-            PinsError::NotBeside { step, .. } => {
-                format!("wire DIR to pin {}, or to the one below STEP", u16::from(*step) + 1)
+            UnoPinsError::Coils { .. } => {
+                "give it a driver with STEP and DIR, or run it with --board native".to_owned()
             }
-            PinsError::SharedDir { .. } => "give each motor a DIR next to its STEP".to_owned(),
-            PinsError::CoilsApart { pins, .. } => {
-                // It proposes four consecutive pins, from the lowest of the user's own on, if possible.
-                let own = |in1: &u8| coil_pins(*in1).iter().filter(|pin| pins.contains(pin)).count();
-                let nearest = COILS_FROM.max_by_key(|in1| (own(in1), pins.contains(in1), Reverse(*in1)));
-                let [in1, in2, in3, in4] = coil_pins(nearest.unwrap_or(*COILS_FROM.start()));
-                format!("wire IN1 to IN4 to {in1}, {in2}, {in3} and {in4}, say")
-            }
-            PinsError::TwoEnables { .. } => "wire the enable inputs to one pin, with one level".to_owned(),
-            PinsError::Apart { nearest, .. } => {
+            UnoPinsError::TwoEnables(error) => error.advice(),
+            UnoPinsError::Apart { nearest, .. } => {
                 let mut text = format!("nearest: {nearest}. What fits:");
                 for kind in PinKind::ALL {
                     text.push_str(&format!("\n- {kind}"));
@@ -137,6 +86,12 @@ impl PinsError {
                 text
             }
         }
+    }
+}
+
+impl From<UnoPinsError> for PinsError {
+    fn from(error: UnoPinsError) -> PinsError {
+        PinsError::new(&error, error.advice())
     }
 }
 
@@ -161,20 +116,20 @@ impl PinKind {
     #[must_use]
     pub const fn constant_ticks(self) -> u32 {
         match self {
-            PinKind::Compare => 1,
-            PinKind::PortD => 17,
-            PinKind::PortB => 19,
-            PinKind::Shield => 17,
+            PinKind::Compare => uno::EDGE_DELAY_COMPARE,
+            PinKind::PortD => uno::EDGE_DELAY_PORT_D,
+            PinKind::PortB => uno::EDGE_DELAY_PORT_B,
+            PinKind::Shield => uno::EDGE_DELAY_SHIELD,
         }
     }
 
     /// The kind of the pins that the motors of an Uno use.
     ///
     /// # Errors
-    /// [`PinsError`] if the board cannot drive them together.
+    /// [`UnoPinsError`] if the board cannot drive them together.
     ///
     /// ```
-    /// use pulsetrain_motion::pins::PinKind;
+    /// use pulsetrain_motion::boards::uno::PinKind;
     /// use pulsetrain_motion::program::Wiring;
     /// let motor = |step, dir| Wiring::StepDir { step, dir, forward_high: true, enable: None };
     /// let kind = |wirings: &[Wiring]| PinKind::of_wirings(wirings.iter().map(|wiring| ("m", wiring)));
@@ -182,35 +137,29 @@ impl PinKind {
     /// assert_eq!(kind(&[motor(2, 5), motor(12, 13)]), Ok(PinKind::Shield));
     /// assert!(kind(&[motor(2, 9)]).is_err());
     /// ```
-    pub fn of_wirings<'a>(wirings: impl Iterator<Item = (&'a str, &'a Wiring)>) -> Result<PinKind, PinsError> {
+    pub fn of_wirings<'a>(wirings: impl Iterator<Item = (&'a str, &'a Wiring)>) -> Result<PinKind, UnoPinsError> {
         let mut lines = Vec::new();
-        let mut enable_line: Option<(&str, (u8, bool))> = None;
+        let mut enable_line = EnableLine::default();
         for (motor, wiring) in wirings {
             let Wiring::StepDir { step, dir, enable, .. } = *wiring else {
-                return Err(PinsError::Coils { motor: motor.to_owned() });
+                return Err(UnoPinsError::Coils { motor: motor.to_owned() });
             };
             lines.push(Lines { motor, step, dir });
-            match (enable, enable_line) {
-                (Some(enable), None) => enable_line = Some((motor, enable)),
-                (Some(enable), Some((first, known))) if enable != known => {
-                    return Err(PinsError::TwoEnables { first: first.to_owned(), second: motor.to_owned() });
-                }
-                _ => {}
-            }
+            enable_line.add(motor, enable)?;
         }
         let (nearest, strays) = Self::ALL
             .into_iter()
             .map(|kind| (kind, kind.strays(&lines)))
             .min_by_key(|(_, strays)| strays.len())
             .unwrap_or((PinKind::PortB, Vec::new()));
-        if strays.is_empty() { Ok(nearest) } else { Err(PinsError::Apart { nearest, strays }) }
+        if strays.is_empty() { Ok(nearest) } else { Err(UnoPinsError::Apart { nearest, strays }) }
     }
 
     /// The kind of the pins of a program's motors.
     ///
     /// # Errors
     /// As [`PinKind::of_wirings`].
-    pub fn of(motors: &[Motor]) -> Result<PinKind, PinsError> {
+    pub fn of(motors: &[Motor]) -> Result<PinKind, UnoPinsError> {
         Self::of_wirings(motors.iter().map(|motor| (motor.name.as_str(), &motor.wiring)))
     }
 
@@ -237,45 +186,7 @@ impl PinKind {
     }
 }
 
-/// The GPIOs of a Pico for IN1. The UART has those before; after those later ones there are fewer than three more pins.
-const COILS_FROM: RangeInclusive<u8> = 2..=22;
-
-/// Whether a Pico's state machines can drive these motors.
-///
-/// # Errors
-/// [`PinsError`] if the lines of a motor are not consecutive, or two motors share one.
-pub fn check_pico(motors: &[Motor]) -> Result<(), PinsError> {
-    let mut enable_line: Option<(&str, (u8, bool))> = None;
-    let mut dirs: Vec<(&str, u8)> = Vec::new();
-    for Motor { name, wiring, .. } in motors {
-        match *wiring {
-            Wiring::StepDir { step, dir, enable, .. } => {
-                if let Some((first, pin)) = dirs.iter().find(|(_, other)| *other == dir) {
-                    return Err(PinsError::SharedDir { first: (*first).to_owned(), second: name.clone(), pin: *pin });
-                }
-                dirs.push((name, dir));
-                if step.abs_diff(dir) != 1 {
-                    return Err(PinsError::NotBeside { motor: name.clone(), step, dir });
-                }
-                match (enable, enable_line) {
-                    (Some(enable), None) => enable_line = Some((name, enable)),
-                    (Some(enable), Some((first, known))) if enable != known => {
-                        return Err(PinsError::TwoEnables { first: first.to_owned(), second: name.clone() });
-                    }
-                    _ => {}
-                }
-            }
-            Wiring::Coils { pins, .. } => {
-                if pins != coil_pins(pins[0]) {
-                    return Err(PinsError::CoilsApart { motor: name.clone(), pins });
-                }
-            }
-        }
-    }
-    Ok(())
-}
-
-/// The STEP and DIR lines, or the coils, of one motor.
+/// The STEP and DIR lines of one motor.
 struct Lines<'a> {
     motor: &'a str,
     step: u8,
@@ -286,14 +197,14 @@ struct Lines<'a> {
 mod tests {
     use super::*;
 
-    fn kind(pins: &[(u8, u8)]) -> Result<PinKind, PinsError> {
+    fn kind(pins: &[(u8, u8)]) -> Result<PinKind, UnoPinsError> {
         kind_with(&pins.iter().map(|&(step, dir)| (step, dir, None)).collect::<Vec<_>>())
     }
 
     /// STEP, DIR, and the enable line with its level.
     type UnoPins = (u8, u8, Option<(u8, bool)>);
 
-    fn kind_with(pins: &[UnoPins]) -> Result<PinKind, PinsError> {
+    fn kind_with(pins: &[UnoPins]) -> Result<PinKind, UnoPinsError> {
         const NAMES: [&str; 4] = ["a", "b", "c", "d"];
         let wirings: Vec<Wiring> =
             pins.iter().map(|&(step, dir, enable)| Wiring::StepDir { step, dir, forward_high: true, enable }).collect();
@@ -336,23 +247,8 @@ mod tests {
         assert_eq!(kind_with(&[(2, 5, None), (3, 6, Some((19, true)))]), Ok(PinKind::PortD));
         assert!(matches!(
             kind_with(&[(2, 5, Some((8, false))), (3, 6, Some((9, false)))]),
-            Err(PinsError::TwoEnables { .. })
+            Err(UnoPinsError::TwoEnables(_))
         ));
-    }
-
-    #[test]
-    fn coils_that_are_apart_are_told_what_has_most_of_their_pins() {
-        let check = |pins, expected: &str| {
-            let error = PinsError::CoilsApart { motor: "m".to_owned(), pins };
-            assert_eq!(error.advice(), format!("wire IN1 to IN4 to {expected}, say"), "{pins:?}");
-        };
-        check([5, 4, 3, 2], "2, 3, 4 and 5");
-        check([22, 21, 27, 26], "21, 22, 26 and 27");
-        check([10, 12, 14, 16], "10, 11, 12 and 13");
-        check([28, 27, 26, 22], "22, 26, 27 and 28");
-        check([28, 27, 26, 4], "22, 26, 27 and 28");
-        check([4, 7, 12, 15], "4, 5, 6 and 7");
-        check([3, 2, 1, 0], "2, 3, 4 and 5");
     }
 
     #[test]
