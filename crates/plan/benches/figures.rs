@@ -17,7 +17,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 /// Each measurement is the fastest of so many: others share the machine.
-const REPEATS: u32 = 15;
+const REPEATS: u32 = 40;
 const UNO_HZ: u64 = 16_000_000;
 /// The sine makes 2 million segments: a byte kept of each would break it. Pages are counted in lots of some 100 kB.
 const MOST_ADDED_KB: f64 = 256.0;
@@ -53,14 +53,14 @@ fn speed() {
     let second = sine(2000.0, Time::SECOND, 1);
     let slow_formula = formula("1000*t + 300*sin(7*t) + 50*sin(31*t)", 20);
     let fast_formula = formula("80000*t + 60000*sin(0.7*t) + 5000*sin(3.1*t)", 20);
-    // The bounds are what was measured, and 30 % more.
+    // The bounds are 1.6 times what a machine with free cores takes: one that others shared took up to 1.3 times that.
     let measured: [(&str, Law, u32, f64); 6] = [
-        ("sine, A = 2000, T = 1 s", second.clone(), 16, 1.0),
-        ("sine, A = 2e6, T = 10 s", sine(2e6, Time::from_ratio(10, 1), 1), 24, 1.0),
-        ("trapezoid, 20 k steps/s, 180 000 steps", trapezoid(180_000.0, 20_000.0, 20_000.0), 24, 1.0),
-        ("Lorenz, 500·∫x dt, 20 s", lorenz(500.0, 20.0), 24, 1.0),
-        ("1000t + 300 sin 7t + 50 sin 31t, 20 s", slow_formula, 16, 1.0),
-        ("80 000t + 60 000 sin 0.7t + 5000 sin 3.1t, 20 s", fast_formula, 24, 1.0),
+        ("sine, A = 2000, T = 1 s", second.clone(), 16, 0.7),
+        ("sine, A = 2e6, T = 10 s", sine(2e6, Time::from_ratio(10, 1), 1), 24, 0.0072),
+        ("trapezoid, 20 k steps/s, 180 000 steps", trapezoid(180_000.0, 20_000.0, 20_000.0), 24, 0.025),
+        ("Lorenz, 500·∫x dt, 20 s", lorenz(500.0, 20.0), 24, 2.0),
+        ("1000t + 300 sin 7t + 50 sin 31t, 20 s", slow_formula, 16, 8.0),
+        ("80 000t + 60 000 sin 0.7t + 5000 sin 3.1t, 20 s", fast_formula, 24, 0.036),
     ];
     let mut fastest = [f64::INFINITY; 2];
     for (name, law, fraction_bits, bound) in measured {
