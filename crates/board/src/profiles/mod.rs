@@ -83,10 +83,13 @@ pub struct Emulation {
     /// The virtual board with the committed firmware for a role, just plugged in and with its port open.
     pub board: fn(Role) -> Box<dyn VirtualBoard>,
     /// The virtual board with any program, as `pulsetrain flash` would write it: the flash from its beginning on, or a UF2 file.
-    pub with_program: fn(&[u8]) -> Result<Box<dyn VirtualBoard>, NoProgram>,
+    pub with_program: FromProgram,
     /// The virtual board with nothing in its flash but a bootloader; `None` if the bootloader is the chip's own.
-    pub with_bootloader: Option<fn(&[u8]) -> Result<Box<dyn VirtualBoard>, NoProgram>>,
+    pub with_bootloader: Option<FromProgram>,
 }
+
+/// Makes a virtual board of the bytes of a program.
+pub type FromProgram = fn(&[u8]) -> Result<Box<dyn VirtualBoard>, NoProgram>;
 
 /// Why a virtual board cannot run a program.
 pub type NoProgram = Box<dyn Error + Send + Sync>;

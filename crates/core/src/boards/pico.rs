@@ -17,7 +17,8 @@ pub const QUEUE_BYTES: usize = 32_768;
 pub const MAX_QUEUE_BYTES: usize = 8192;
 
 /// The look-ahead of plans and paths, ticks: 2.4 ms. Words are written so far ahead, and a switch can be no sooner.
-pub const LOOK_AHEAD: u32 = TICK_HZ / 10_000 * 24;
+pub const LOOK_AHEAD: u32 = 300_000;
+const _: () = assert!(LOOK_AHEAD as u64 * 10_000 == TICK_HZ as u64 * 24);
 /// The longest pulse and set-up, ticks: 0.5 ms.
 pub const MAX_PULSE: u16 = 62_500;
 
