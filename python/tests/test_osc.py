@@ -35,9 +35,9 @@ class PythonOsc(unittest.TestCase):
         self.addCleanup(self.process.kill)
         assert self.process.stdout is not None
         self.addCleanup(self.process.stdout.close)
-        port = int(self.line()["listens"].rsplit(":", 1)[1])
+        self.port = int(self.line()["listens"].rsplit(":", 1)[1])
         # A timeout that only a broken program reaches.
-        self.client = SimpleUDPClient("127.0.0.1", port, timeout=60)
+        self.client = SimpleUDPClient("127.0.0.1", self.port, timeout=60)
         self.addCleanup(self.client.close)
 
     def line(self) -> Dict[str, Any]:
@@ -95,6 +95,33 @@ class PythonOsc(unittest.TestCase):
         self.client.send_message("/hardStop", 255)
         self.assertEqual(self.requests(), [{"command": "stop_now"}])
         self.assertEqual(self.process.wait(60), 0)
+
+    def test_the_page_shows_python_that_runs(self) -> None:
+        page = (Path(__file__).resolve().parents[2] / "docs/osc.md").read_text(encoding="utf-8")
+        shown = page.split("```python\n")[1].split("```")[0]
+        for here, there in [("9000", str(self.port)), ("timeout=1", "timeout=60")]:
+            self.assertIn(here, shown)
+            shown = shown.replace(here, there)
+        # Positions are known from the first command on.
+        self.client.send_message("/go", 1)
+        self.assertEqual(self.requests(), [{"command": "go"}])
+        printed: List[Any] = []
+
+        class Complete(Exception):
+            pass
+
+        def show(*values: Any) -> None:
+            printed.append(values)
+            if values[0] == "/positionList":
+                raise Complete
+
+        with self.assertRaises(Complete):
+            exec(shown, {"print": show})
+        self.assertEqual(self.requests(), [{"command": "set", "knob": "second.frequency", "value": "0.9 Hz"}])
+        self.assertEqual(printed[0], ("/destIp", [127, 0, 0, 1, 1]))
+        _, (first, second) = printed[1]
+        self.assertGreaterEqual(first, 1)
+        self.assertEqual(first, -second)
 
 
 
