@@ -121,7 +121,7 @@ pub struct Failed {
     /// What went wrong.
     pub what: What,
     /// Each motor that turns at that time, and its speed by the law, steps/s.
-    pub rates: Vec<(String, f64)>,
+    pub rates: Box<[(String, f64)]>,
     kind: BoardKind,
     /// The rate of the rehearsed line.
     baud: Baud,
@@ -186,7 +186,7 @@ fn kind_of(program: &Program) -> BoardKind {
 impl Failed {
     fn new(program: &Program, baud: Baud, what: What) -> Failed {
         Failed {
-            rates: what.at_s().map(|at_s| rates(program, at_s)).unwrap_or_default(),
+            rates: what.at_s().map(|at_s| rates(program, at_s).into()).unwrap_or_default(),
             what,
             kind: kind_of(program),
             baud,

@@ -90,7 +90,7 @@ fn a_queue_that_is_too_short_is_told_with_motor_time_and_rates() {
     assert!(said.starts_with("rehearsed on the virtual Uno, at ") && said.contains(" queue for motor m"), "{said}");
     let law = |motor: &Motor| Cursor::new(&motor.law).at(Time::from_seconds(*at_s)).unwrap().speed.abs();
     let rates = prepared.program.motors.iter().map(|motor| (motor.name.clone(), law(motor)));
-    assert_eq!(failed.rates, rates.filter(|(_, rate)| *rate >= 1.0).collect::<Vec<_>>());
+    assert_eq!(failed.rates, rates.filter(|(_, rate)| *rate >= 1.0).collect());
     let advice = failed.advice();
     for wanted in ["nothing has moved", "slower motors", "another tolerance", "--no-rehearsal begins all the same"] {
         assert!(advice.contains(wanted), "{wanted}: {advice}");

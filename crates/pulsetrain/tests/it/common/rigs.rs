@@ -29,7 +29,7 @@ pub(crate) fn motion(board: &str, random: &mut Random) -> Prepared {
             let peak = fastest * (slowest + (0.85 - slowest) * random.fraction());
             (motor.law, motor.limits) = law(peak, random);
         }
-        let mut prepared = prepared(&row, motors);
+        let mut prepared = prepared(row, motors);
         prepared.over_line(None);
         if prepared.plan(|_| {}).is_ok() {
             return prepared;
