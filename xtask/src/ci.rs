@@ -209,8 +209,9 @@ fn published() -> Done<Vec<String>> {
 fn packages() -> Done {
     for name in published()? {
         let folder = root().join("crates").join(&name);
-        let list =
-            command::output(cargo("package --list --allow-dirty --manifest-path").arg(folder.join("Cargo.toml")))?;
+        let list = command::output(
+            cargo("package --quiet --list --allow-dirty --manifest-path").arg(folder.join("Cargo.toml")),
+        )?;
         let files: Vec<&str> = list.lines().collect();
         for file in files.iter().filter(|file| file.starts_with("src/") && file.ends_with(".rs")) {
             let path = folder.join(file);
@@ -226,8 +227,9 @@ fn packages() -> Done {
     Ok(())
 }
 
-/// The paths in `include_str!("…")` and `include_bytes!("…")`.
+/// The paths in `include_str!("…")` and `include_bytes!("…")`, but for those of the tests at a file's end.
 fn included(source: &str) -> Vec<String> {
+    let source = source.split("\n#[cfg(test)]\nmod ").next().unwrap_or(source);
     let after = |macro_name: &'static str| source.split(macro_name).skip(1);
     let all = after("include_str!(\"").chain(after("include_bytes!(\""));
     all.filter_map(|rest| rest.split_once('"').map(|(path, _)| path.to_owned())).collect()
@@ -310,6 +312,8 @@ mod tests {
         let source =
             r#"const A: &str = include_str!("tables/a.csv"); static B: &[u8] = include_bytes!("../../out.bin");"#;
         assert_eq!(included(source), ["tables/a.csv", "../../out.bin"]);
+        let in_tests = "use a::b;\n\n#[cfg(test)]\nmod tests {\n    include_str!(\"../../examples/live.toml\")\n}\n";
+        assert!(included(in_tests).is_empty());
         let (folder, file) = (Path::new("/r/crates/plot"), Path::new("/r/crates/plot/src/draw.rs"));
         assert_eq!(within(folder, file, "tables/a.csv").as_deref(), Some("src/tables/a.csv"));
         assert_eq!(within(folder, file, "../font.ttf").as_deref(), Some("font.ttf"));
