@@ -44,9 +44,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     for group in groups {
         let in_ms = group.due.saturating_duration_since(Now::read().instant).as_millis();
-        println!("{}", json!({ "in_ms": in_ms, "requests": group.requests }));
+        // A client that has read the line may ask for positions at once.
         count += 1;
         server.tell(&status(count));
+        println!("{}", json!({ "in_ms": in_ms, "requests": group.requests }));
         let stops = |request: &Request| matches!(request, Request::Session(Command::Stop | Command::StopNow));
         if group.requests.iter().any(stops) {
             break;
