@@ -76,7 +76,9 @@ fn report_of(diagnostic: &dyn Diagnostic, source_of_all: Option<&dyn SourceCode>
     let place = |label: LabeledSpan| {
         let text = |from: usize, length: usize| {
             let contents = source?.read_span(&(from, length).into(), 0, 0).ok()?;
-            Some((contents.name().map(str::to_owned), String::from_utf8_lossy(contents.data()).into_owned()))
+            // Of an empty span at the beginning miette gives the first byte.
+            let data = contents.data().get(..length)?;
+            Some((contents.name().map(str::to_owned), String::from_utf8_lossy(data).into_owned()))
         };
         let (offset, length) = (label.offset(), label.len());
         let ((_, before), (name, marked)) = (text(0, offset)?, text(offset, length)?);
