@@ -695,7 +695,7 @@ fn is_configuration(head: &[u8; 13], motors: &[u8]) -> bool {
 /// | 8 | board: 1 the Uno, 2 the Pico; 0 a model |
 /// | 9–11 | firmware's version |
 /// | 12–15 | ticks a second |
-/// | 16 | fraction bits of the recurrence, F |
+/// | 16 | fraction bits of the recurrence, F; with 16 or fewer, add has 32 bits and intervals are below 2^24 ticks: `RegisterWidths` |
 /// | 17 | motors at most |
 /// | 18–19 | bytes of all queues together |
 /// | 20–21 | bytes that may be on their way to the board |

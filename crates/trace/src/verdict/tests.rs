@@ -735,7 +735,7 @@ fn what_a_film_cannot_tell_is_said() {
     check(
         judge_film(&fast, &steady, None, None, &options),
         expect![
-            "frames are too far apart: at 2.136 s the motion makes 0.67 turns from one frame to the next (15 frames a second), and a film cannot tell a turn from none; film at 25 frames a second or more, or a slower motion"
+            "frames are too far apart: at 1.789 s the motion makes 0.67 turns from one frame to the next (15 frames a second), and a film cannot tell a turn from none; film at 25 frames a second or more, or a slower motion"
         ],
     );
     let judged = |track: &Track| judged_film(track, Align::StartAndRate);
