@@ -32,12 +32,12 @@ const GROUPS: [&[Stage]; 6] = [
     // The committed images, which virtual boards run in the tests too, must be those of the sources.
     &[stage("lints", 240, lints), stage("images", 60, images)],
     &[stage("wasm32", 60, boards::check_wasm), stage("packages", 10, packages)],
-    &[stage("tests", 1200, || test::run(test::Tier::Change))],
+    &[stage("tests", 1500, || test::run(test::Tier::Change))],
     // The browser waits more than it computes.
     &[
         stage("page", 60, || page::test(false)),
-        stage("cross-check", 60, cross_check::run),
-        stage("accepted motions run", 120, || accept::run(&accept::Options::random(ACCEPT_COUNT, ACCEPT_SEED))),
+        stage("cross-check", 120, cross_check::run),
+        stage("accepted motions run", 180, || accept::run(&accept::Options::random(ACCEPT_COUNT, ACCEPT_SEED))),
     ],
 ];
 
