@@ -1,10 +1,12 @@
 //! Runs commands and prints which.
 
 use std::ffi::OsStr;
-use std::io::{Read as _, Write as _, pipe as os_pipe};
+use std::fs::{File, OpenOptions};
+use std::io::{Read as _, Seek as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::{mem, thread};
 
 /// Why a task stopped.
@@ -113,17 +115,26 @@ pub(crate) fn side_by_side<T, R: Send>(
 /// they were written, and gives them.
 pub(crate) fn run_apart(command: &mut Command, text: &str) -> Done<String> {
     let start = |why| Failure::Start { command: text.to_owned(), why };
-    let (mut said, says) = os_pipe().map_err(start)?;
-    command.stdout(says.try_clone().map_err(start)?).stderr(says);
-    let mut child = command.spawn().map_err(start)?;
-    // The pipe ends when no process can write to it any more.
-    command.stdout(Stdio::null()).stderr(Stdio::null());
+    // Not a pipe: a process that a failed test left behind would keep it open for ever.
+    let mut file = unnamed_file().map_err(start)?;
+    let (stdout, stderr) = (file.try_clone().map_err(start)?, file.try_clone().map_err(start)?);
+    let status = command.stdout(stdout).stderr(stderr).status().map_err(start)?;
     let mut all = Vec::new();
-    said.read_to_end(&mut all).map_err(start)?;
-    let status = child.wait().map_err(start)?;
+    file.rewind().and_then(|()| file.read_to_end(&mut all)).map_err(start)?;
     let all = String::from_utf8_lossy(&all).into_owned();
     println!("$ {text}\n{all}");
     if status.success() { Ok(all) } else { Err(Failure::Status { command: text.to_owned(), status }) }
+}
+
+/// A new file for this process and those that it starts; it has no name any more.
+fn unnamed_file() -> std::io::Result<File> {
+    static COUNT: AtomicU64 = AtomicU64::new(0);
+    let name = format!("xtask-output-{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+    let path = std::env::temp_dir().join(name);
+    let file = OpenOptions::new().read(true).append(true).create_new(true).open(&path)?;
+    // Windows keeps the name of an open file.
+    let _ = std::fs::remove_file(path);
+    Ok(file)
 }
 
 /// No lock is held while anything could panic.
@@ -164,4 +175,19 @@ fn announce(command: &Command) -> String {
 fn words(command: &Command) -> String {
     let words = std::iter::once(command.get_program()).chain(command.get_args());
     words.map(OsStr::to_string_lossy).collect::<Vec<_>>().join(" ")
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_that_is_left_behind_keeps_no_stage_waiting() {
+        // It has the output open until long after the shell has ended.
+        let mut shell = command("sh");
+        shell.args(["-c", "sleep 60 & echo out; echo err >&2"]);
+        assert_eq!(run_apart(&mut shell, "left behind").expect("a sound shell"), "out\nerr\n");
+        let failed = run_apart(command("sh").args(["-c", "echo why; exit 3"]), "it fails").expect_err("exit code 3");
+        assert!(failed.to_string().contains("`it fails` failed"), "{failed}");
+    }
 }
