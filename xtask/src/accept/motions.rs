@@ -746,7 +746,7 @@ mod tests {
             texts.insert(motion.files[0].1.clone());
         });
         assert_eq!(texts.len(), 50 * BOARDS.len(), "no two are alike");
-        assert_ne!(Rig::new(6, 0, "uno").motion(LIMIT_HZ), Rig::new(5, 0, "uno").motion(PROMISED_HZ));
+        assert_ne!(Rig::new(6, 0, "uno").motion(LIMIT_HZ), Rig::new(5, 0, "uno").motion(LIMIT_HZ));
     }
 
     /// The reader of motion files accepts all of them: this is a test of the planner and the boards, not of the reader.
