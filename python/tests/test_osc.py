@@ -115,8 +115,10 @@ class PythonOsc(unittest.TestCase):
             if values[0] == "/positionList":
                 raise Complete
 
+        names: Dict[str, Any] = {"print": show}
         with self.assertRaises(Complete):
-            exec(shown, {"print": show})
+            exec(shown, names)
+        names["client"].close()
         self.assertEqual(self.requests(), [{"command": "set", "knob": "second.frequency", "value": "0.9 Hz"}])
         self.assertEqual(printed[0], ("/destIp", [127, 0, 0, 1, 1]))
         _, (first, second) = printed[1]

@@ -2,6 +2,8 @@
 //! boards.
 
 use crate::common::promises::{Motion, PROMISES, Promise};
+use pulsetrain_bake::Image;
+use pulsetrain_board::virtual_uno;
 use pulsetrain_motion::boards;
 
 fn page(name: &str) -> String {
@@ -62,6 +64,10 @@ fn the_page_of_limits_quotes_the_table_of_boards() {
     let baked = boards::find("uno").and_then(|row| row.shortest_of_four_baked()).expect("an Uno's image");
     let baked = down(16e3 / f64::from(baked), 0);
     check(format!("four motors {baked} k steps/s each"));
+    let room = Image::FLASH_BYTES - virtual_uno::baked_image().len();
+    let room = format!("{} kB of plan", down(room as f64 / 1e3, 1));
+    check(room.clone());
+    says("docs/first-motion.md", &room);
     says(
         "docs/first-motion.md",
         &format!("four motors on a CNC shield make {baked} k steps/s each instead of {} k", uno(4).floor()),

@@ -38,13 +38,27 @@ fn the_tutorials_sweeps_hold() {
     }
 }
 
-/// As `cargo xtask bench promises` runs them.
-#[test]
-fn promised_rates_are_kept() {
+/// Runs the promises for a board as `cargo xtask bench promises` does.
+#[track_caller]
+fn are_kept(board: &str) {
     let program = Path::new(env!("CARGO_BIN_EXE_pulsetrain"));
-    let faults = PROMISES.iter().map(|promise| (promise.fields().join(", "), promise.run(program).fault));
+    let promises = PROMISES.iter().filter(|promise| promise.board == board);
+    let faults = promises.map(|promise| (promise.fields().join(", "), promise.run(program).fault));
     let broken: Vec<_> = faults.filter(|(_, fault)| !fault.is_empty()).collect();
     assert!(broken.is_empty(), "{broken:#?}");
+}
+
+#[test]
+fn promised_rates_are_kept() {
+    are_kept("uno");
+}
+
+/// Half a minute: a Pico's rates are thirty times an Uno's.
+mod long {
+    #[test]
+    fn promised_rates_of_a_pico_are_kept() {
+        super::are_kept("pico");
+    }
 }
 
 #[test]
