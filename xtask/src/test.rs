@@ -6,7 +6,6 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::thread;
 use std::time::Instant;
 
 /// How much a run of the tests covers. `CONTRIBUTING.md` has the table.
@@ -53,32 +52,27 @@ impl Tier {
 }
 
 /// Runs all tests of the workspace and its documentation's examples. All but the quick tier also run those with
-/// Debian's bootloaders and, beside the others, [`others`].
+/// Debian's bootloaders and [`others`].
 pub(crate) fn run(tier: Tier) -> Done {
     let quick = tier == Tier::Quick;
     let optiboot = if quick { None } else { arduino::prepare()? };
     let jobs = jobs(tier)?;
     let (count, begin) = (jobs.len(), Instant::now());
-    let (tested, also) = thread::scope(|scope| {
-        let also = (!quick).then(|| scope.spawn(others));
-        let tested = command::side_by_side(jobs, |job| {
-            let mut test = job.command();
-            test.envs(tier.environment());
-            test.envs(optiboot.as_ref().map(|image| ("PULSETRAIN_OPTIBOOT", image)));
-            command::run_apart(&mut test, &job.text).map(|said| (seconds(&said), job.text))
-        });
-        (
-            tested,
-            also.map(|thread| {
-                thread.join().unwrap_or_else(|_| Err(Failure::Check("the client's tests panicked".to_owned())))
-            }),
-        )
+    // Not more at a time than there are cores: some tests run boards in real time.
+    let others_first = (!quick).then_some(None);
+    let tested = command::side_by_side(others_first.into_iter().chain(jobs.into_iter().map(Some)), |job| {
+        let Some(job) = job else {
+            let begin = Instant::now();
+            return others().map(|()| (begin.elapsed().as_secs_f64(), OTHERS.to_owned()));
+        };
+        let mut test = job.command();
+        test.envs(tier.environment());
+        test.envs(optiboot.as_ref().map(|image| ("PULSETRAIN_OPTIBOOT", image)));
+        command::run_apart(&mut test, &job.text).map(|said| (seconds(&said), job.text))
     });
     command::run(&mut cargo("test --workspace --doc --no-fail-fast"))?;
     print!("{}", longest(command::all(tested)?));
-    let also = also
-        .transpose()?
-        .map_or("no firmware ran", |()| "the Python client, the boards' core, S-curves against ruckig");
+    let also = if quick { "no firmware ran" } else { OTHERS };
     let name = if quick { "test --quick" } else { "test" };
     println!(
         "xtask {name}: {count} modules of tests, documentation's examples, {also}: all passed, in {} s once built",
@@ -87,8 +81,10 @@ pub(crate) fn run(tier: Tier) -> Done {
     Ok(())
 }
 
-/// What waits more than it computes, or needs one core: the tests of the Python client, core built for the boards'
-/// processors, and S-curves compared with ruckig's.
+/// What [`others`] tests.
+const OTHERS: &str = "the Python client, the boards' core, S-curves against ruckig";
+
+/// The tests of the Python client, core built for the boards' processors, and S-curves compared with ruckig's.
 fn others() -> Done {
     python::test_client()?;
     boards::build_core()?;
