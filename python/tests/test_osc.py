@@ -102,9 +102,12 @@ class PythonOsc(unittest.TestCase):
         for here, there in [("9000", str(self.port)), ("timeout=1", "timeout=60")]:
             self.assertIn(here, shown)
             shown = shown.replace(here, there)
-        # Positions are known from the first command on.
+        # Positions are known soon after the first command; another thread hears of them. Until then the answer is an error.
         self.client.send_message("/go", 1)
         self.assertEqual(self.requests(), [{"command": "go"}])
+        self.client.send_message("/getPositionList", [])
+        while self.heard()[0] != "/positionList":
+            self.client.send_message("/getPositionList", [])
         printed: List[Any] = []
 
         class Complete(Exception):
