@@ -102,12 +102,13 @@ class PythonOsc(unittest.TestCase):
         for here, there in [("9000", str(self.port)), ("timeout=1", "timeout=60")]:
             self.assertIn(here, shown)
             shown = shown.replace(here, there)
-        # Positions are known soon after the first command; another thread hears of them. Until then the answer is an error.
+        # Positions are known soon after the first command, when they are reported.
+        self.client.send_message("/setDestIp", [])
+        self.assertEqual(self.heard()[0], "/destIp")
+        self.client.send_message("/setPositionReportInterval", [2, 1])
         self.client.send_message("/go", 1)
         self.assertEqual(self.requests(), [{"command": "go"}])
-        self.client.send_message("/getPositionList", [])
-        while self.heard()[0] != "/positionList":
-            self.client.send_message("/getPositionList", [])
+        self.assertEqual(self.heard(), ["/position", 2, -1])
         printed: List[Any] = []
 
         class Complete(Exception):
