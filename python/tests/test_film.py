@@ -18,7 +18,7 @@ from typing import Any, Callable, List, Tuple
 import numpy as np
 
 from .clips import HAS_FFMPEG, Clip, Spot, errors_deg, follow
-from .virtual import pulsetrain
+from .virtual import long, pulsetrain
 
 ROOT = Path(__file__).resolve().parents[2]
 HAS_TRACKER = HAS_FFMPEG and all(importlib.util.find_spec(name) for name in ("cv2", "av"))
@@ -104,6 +104,7 @@ class Angles(unittest.TestCase):
     def test_blur_and_noise(self) -> None:
         self.check(Clip(sine(), shutter=0.5, noise=6.0, crf=28), 0.2)
 
+    @long
     def test_a_long_exposure_smears_marks(self) -> None:
         self.check(Clip(sine(3.0), shutter=0.9, noise=3.0, exposures=20), 0.25)
 
@@ -117,6 +118,7 @@ class Angles(unittest.TestCase):
         track = self.check(clip, 0.08, frame=[1.2, 1.0])
         self.assertTrue(track["frame_used"])
 
+    @long
     def test_a_camera_in_a_hand(self) -> None:
         track = self.check(Clip(sine(), noise=2.0, shake_px=1.5, frame=(1.2, 1.05), seconds=0.7), 0.1, frame=[1.2, 1.05])
         self.assertGreater(track["shake_px"], 0.5)
@@ -126,11 +128,13 @@ class Angles(unittest.TestCase):
         self.assertAlmostEqual(track["readout_s"], 0.006, delta=0.0003)
         self.check(Clip(sine(2.0), readout_s=0.006, noise=2.0), 0.1, readout_s=0.006)
 
+    @long
     def test_frames_are_missing(self) -> None:
         track = self.check(Clip(sine(), noise=2.0, dropped=(30, 31, 60, 61, 62)), 0.1)
         self.assertEqual(track["in_clip"], 115)
         self.assertAlmostEqual(track["longest_gap_s"], 4 / 120, places=4)
 
+    @long
     def test_time_stamps_are_the_clips(self) -> None:
         """Frames at odd times, and a header that has another rate."""
         # From 0 on: an MP4's file has its first frame's time in whole milliseconds.
@@ -140,18 +144,22 @@ class Angles(unittest.TestCase):
         raw = Clip(sine(period_s=0.8), noise=2.0, said_fps=25.0, seconds=0.9)
         self.check(raw, 0.1)
 
+    @long
     def test_frames_that_repeat_the_one_before(self) -> None:
         track = self.check(Clip(sine(), noise=3.0, repeated=(30, 50, 70)), 0.1)
         self.assertEqual(track["repeated"], 3)
 
+    @long
     def test_one_mark_is_hidden_for_a_while(self) -> None:
         track = self.check(Clip(sine(), noise=2.0, hidden=range(40, 50)), 0.12)
         self.assertEqual((track["one_mark"], track["lost"]), (10, 0))
 
+    @long
     def test_slow_motion(self) -> None:
         clip = Clip(sine(), noise=2.0, slow=8.0)
         self.check(clip, 0.1, slow=8.0)
 
+    @long
     def test_marks_of_many_kinds(self) -> None:
         white, black_wheel = (240, 240, 240), {"wheel_bgr": (20, 20, 20), "behind_bgr": (200, 200, 200)}
         kinds: List[Tuple[str, Any]] = [
@@ -165,6 +173,7 @@ class Angles(unittest.TestCase):
             with self.subTest(name):
                 self.check(Clip(sine(), noise=2.0, seconds=0.8, **looks), 0.1)
 
+    @long
     def test_marks_are_named(self) -> None:
         red, blue, green = Spot((40, 40, 220)), Spot((220, 90, 30), angle_deg=180.0), Spot((60, 160, 40), angle_deg=80.0)
         clip = Clip(sine(), noise=2.0, seconds=0.6, marks=(red, blue, green))
@@ -224,13 +233,21 @@ class Verdicts(unittest.TestCase):
         self.assertIn("PASS", out)
         self.assertTrue((self.path / "again.svg").exists())
 
-    def test_lost_steps_are_found(self) -> None:
-        for looks in ({}, {"tilt_deg": (20.0, -15.0)}, {"readout_s": 0.005}, {"dropped": (50, 51, 80)}):
-            with self.subTest(looks):
-                code, text = self.judged(self.clip(lost=((0.3, 8),), **looks))
-                self.assertEqual(code, 1, text)
-                self.assertRegex(text, r"FAIL: 8 steps lost at 0\.(29|30|31) s")
+    def lost_steps_are_found(self, **looks: Any) -> None:
+        code, text = self.judged(self.clip(lost=((0.3, 8),), **looks))
+        self.assertEqual(code, 1, text)
+        self.assertRegex(text, r"FAIL: 8 steps lost at 0\.(29|30|31) s")
 
+    def test_lost_steps_are_found(self) -> None:
+        self.lost_steps_are_found()
+
+    @long
+    def test_lost_steps_are_found_however_it_is_filmed(self) -> None:
+        for looks in ({"tilt_deg": (20.0, -15.0)}, {"readout_s": 0.005}, {"dropped": (50, 51, 80)}):
+            with self.subTest(looks):
+                self.lost_steps_are_found(**looks)
+
+    @long
     def test_fewer_steps_than_the_limit_are_found_too(self) -> None:
         code, text = self.judged(self.clip(lost=((0.25, 1),)), "--limit", "5 deg")
         self.assertEqual(code, 1, text)
@@ -242,12 +259,14 @@ class Verdicts(unittest.TestCase):
         self.assertEqual(code, 1, text)
         self.assertIn("FAIL: the wheel is off by more than 1.000°", text)
 
+    @long
     def test_from_behind(self) -> None:
         clip = Clip(lambda t: -wheel()(t) + 1.0, seconds=1.25, noise=3.0)
         code, text = self.judged(clip)
         self.assertEqual(code, 0, text)
         self.assertIn("the other way round", text)
 
+    @long
     def test_the_limit_is_the_files_or_the_commands(self) -> None:
         (self.path / "wheel.toml").write_text(LAW.replace("0.5 rev", "0.49 rev"))
         self.assertEqual(self.judged(self.clip())[0], 1)
@@ -256,6 +275,7 @@ class Verdicts(unittest.TestCase):
         (self.path / "wheel.toml").write_text(text)
         self.assertEqual(self.run_program("film", "clip.mp4", "wheel.toml")[0], 0)
 
+    @long
     def test_slow_motion_is_noticed(self) -> None:
         code, text = self.judged(self.clip(slow=8.0))
         self.assertEqual(code, 1, text)

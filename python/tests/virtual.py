@@ -27,6 +27,10 @@ needs_boards = unittest.skipUnless(
 )
 
 
+#: Marks tests that only `cargo xtask soak` runs.
+long = unittest.skipUnless(os.environ.get("PULSETRAIN_LONG"), "long: cargo xtask soak, or PULSETRAIN_LONG=1")
+
+
 class VirtualBoard:
     """Runs `pulsetrain board BOARD --pty`, in real time if the computer is fast enough, until the block ends."""
 

@@ -16,8 +16,9 @@ pub(crate) fn with_tracker() -> Done<PathBuf> {
     installs::python()
 }
 
-/// Checks the client's types, and runs its tests against virtual boards at pseudo-terminals, and those of films.
-pub(crate) fn test_client() -> Done {
+/// Checks the client's types, and runs its tests against virtual boards at pseudo-terminals, and those of films. Those that are
+/// marked `long` run if `environment` says so.
+pub(crate) fn test_client(environment: &[(&str, String)]) -> Done {
     let client = root().join("python");
     let python = with_tracker()?;
     let types = ["-m", "mypy", "--strict", "--cache-dir"];
@@ -26,6 +27,7 @@ pub(crate) fn test_client() -> Done {
     command::run(command(&python).args(types).arg(cache).args(sources).current_dir(&client))?;
     programs::build()?;
     let mut tests = command(python);
+    tests.envs(environment.iter().map(|(name, value)| (name, value)));
     tests.args(["-m", "unittest"]).current_dir(client).env("PULSETRAIN", programs::pulsetrain());
     tests.env("PULSETRAIN_OSC_MONITOR", programs::example("osc_monitor"));
     command::run(&mut tests)

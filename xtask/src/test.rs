@@ -6,6 +6,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::thread;
 use std::time::Instant;
 
 /// How much a run of the tests covers. `CONTRIBUTING.md` has the table.
@@ -41,6 +42,7 @@ impl Tier {
             Tier::Soak { seed } => {
                 vec![
                     ("PROPTEST_CASES", 1024),
+                    ("PULSETRAIN_LONG", 1),
                     ("PULSETRAIN_ROUNDS", 4),
                     ("PROPTEST_RNG_SEED", seed),
                     ("PULSETRAIN_SEED", seed),
@@ -58,17 +60,23 @@ pub(crate) fn run(tier: Tier) -> Done {
     let optiboot = if quick { None } else { arduino::prepare()? };
     let jobs = jobs(tier)?;
     let (count, begin) = (jobs.len(), Instant::now());
-    // Not more at a time than there are cores: some tests run boards in real time.
-    let others_first = (!quick).then_some(None);
-    let tested = command::side_by_side(others_first.into_iter().chain(jobs.into_iter().map(Some)), |job| {
-        let Some(job) = job else {
-            let begin = Instant::now();
-            return others().map(|()| (begin.elapsed().as_secs_f64(), OTHERS.to_owned()));
-        };
+    let (waiting, computing): (Vec<_>, _) = jobs.into_iter().partition(Job::waits);
+    let run = |job: Job| {
         let mut test = job.command();
         test.envs(tier.environment());
         test.envs(optiboot.as_ref().map(|image| ("PULSETRAIN_OPTIBOOT", image)));
         command::run_apart(&mut test, &job.text).map(|said| (seconds(&said), job.text))
+    };
+    let others_first = (!quick).then_some(None);
+    let computing = others_first.into_iter().chain(computing.into_iter().map(Some));
+    let tested = thread::scope(|scope| {
+        let waiting = scope.spawn(|| waiting.into_iter().map(run).collect::<Vec<_>>());
+        // Not more of these at a time than there are cores: some tests run boards in real time.
+        let computed = command::side_by_side(computing, |job| {
+            let begin = Instant::now();
+            job.map_or_else(|| others(tier).map(|()| (begin.elapsed().as_secs_f64(), OTHERS.to_owned())), run)
+        });
+        computed.into_iter().chain(waiting.join().expect("a job gives its failure")).collect()
     });
     command::run(&mut cargo("test --workspace --doc --no-fail-fast"))?;
     print!("{}", longest(command::all(tested)?));
@@ -85,8 +93,8 @@ pub(crate) fn run(tier: Tier) -> Done {
 const OTHERS: &str = "the Python client, the boards' core, S-curves against ruckig";
 
 /// The tests of the Python client, core built for the boards' processors, and S-curves compared with ruckig's.
-fn others() -> Done {
-    python::test_client()?;
+fn others(tier: Tier) -> Done {
+    python::test_client(&tier.environment())?;
     boards::build_core()?;
     let worst = ruckig::compare()?;
     println!("s-curve durations of {} moves: at most {worst:.1e} (relative) from ruckig's", ruckig::MOVES);
@@ -106,6 +114,9 @@ struct Binary {
     /// Its name for cargo: `--test it`, `--lib`, `--bin pulsetrain`.
     flag: String,
 }
+
+/// Modules that wait at a virtual Uno's line and hardly compute. They run beside those that compute.
+const WAITING: [&str; 1] = ["flash"];
 
 /// The tests of one module of a binary.
 #[derive(Clone, Debug, PartialEq)]
@@ -172,6 +183,10 @@ impl Job {
         let mut test = self.binary.command();
         test.arg("--exact").args(&self.tests);
         test
+    }
+
+    fn waits(&self) -> bool {
+        WAITING.contains(&self.module.as_str())
     }
 
     /// The order of jobs; lower ones come first. Firmware takes longest, and no core should wait for the last of it.
@@ -288,7 +303,8 @@ speed: benchmark
         let job = &binary().jobs("link::a: test\n", Tier::Soak { seed: 7 })[0];
         assert_eq!(
             job.text,
-            "PROPTEST_CASES=1024 PULSETRAIN_ROUNDS=4 PROPTEST_RNG_SEED=7 PULSETRAIN_SEED=7 cargo test -p pulsetrain-board --test it link::"
+            "PROPTEST_CASES=1024 PULSETRAIN_LONG=1 PULSETRAIN_ROUNDS=4 PROPTEST_RNG_SEED=7 PULSETRAIN_SEED=7 cargo test -p \
+             pulsetrain-board --test it link::"
         );
     }
 

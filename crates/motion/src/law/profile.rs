@@ -111,28 +111,36 @@ impl SCurve {
 
     /// The speed between the move's two changes of speed, and how long it is kept, s.
     ///
-    /// The final position grows with that speed, so that one bisection finds it. (Of two time-optimal moves with the same beginning, the
-    /// one with the higher peak is never behind the other.)
+    /// The final position grows with that speed outside of the speeds between rest and `straight`, so that one bisection finds it. (Of two
+    /// time-optimal moves with the same beginning, the one with the higher peak is never behind the other.)
     fn peak(&self, from: State) -> (f64, f64) {
-        let straight = from.v + from.a * from.a.abs() / (2.0 * self.max_jerk);
-        let forward = self.distance >= self.reach(from, straight);
-        let limit = if forward { self.max_speed } else { -self.max_speed };
-        // The search begins at the peak of a plain stop, and goes outward.
-        let mut near = if forward { straight.max(0.0).min(limit) } else { straight.min(0.0).max(limit) };
-        let short = |peak: f64| {
-            if forward { self.reach(from, peak) <= self.distance } else { self.reach(from, peak) >= self.distance }
-        };
-        if short(limit) {
-            return (limit, (self.distance - self.reach(from, limit)) / limit);
-        }
-        let mut far = limit;
-        loop {
-            let middle = 0.5 * (near + far);
-            if middle == near || middle == far {
-                return (near, 0.0);
+        let beyond = |peak: f64| self.reach(from, peak) - self.distance;
+        // A speed between them is found by halving, near enough that no double is between the two.
+        let between = |mut near: f64, mut far: f64| {
+            let side = beyond(far).signum();
+            loop {
+                let middle = 0.5 * (near + far);
+                if middle == near || middle == far {
+                    return near;
+                }
+                if beyond(middle) * side <= 0.0 { near = middle } else { far = middle }
             }
-            if short(middle) { near = middle } else { far = middle }
+        };
+        let straight = from.v + from.a * from.a.abs() / (2.0 * self.max_jerk);
+        let (at_rest, at_straight) = (beyond(0.0), beyond(straight));
+        // After a brake that is not over at the speed limit, motors stop sooner if they brake on than if they first let go of it.
+        if at_rest * at_straight < 0.0 {
+            return (between(0.0, straight), 0.0);
         }
+        let forward = at_straight <= 0.0;
+        let limit = if forward { self.max_speed } else { -self.max_speed };
+        let short = beyond(limit) * limit <= 0.0;
+        if short {
+            return (limit, -beyond(limit) / limit);
+        }
+        // The search begins at the peak of a plain stop, and goes outward.
+        let near = if forward { straight.max(0.0).min(limit) } else { straight.min(0.0).max(limit) };
+        (between(near, limit), 0.0)
     }
 }
 
@@ -269,6 +277,34 @@ mod tests {
         durations(&Law::s_curve(s).unwrap(), &[0.5, 0.5, 0.5, 1.0, 0.5, 0.5, 0.5]);
         let backward = SCurve { distance: -2500.0, ..s };
         assert_eq!(Law::s_curve(backward).unwrap().end(), Law::s_curve(s).unwrap().end());
+    }
+
+    /// Motors that brake from above the limit, and where they could stop a little sooner than by letting go of the brake at the limit.
+    #[test]
+    fn a_move_that_brakes_on_arrives() {
+        let s = SCurve {
+            distance: 202.0690673254012,
+            max_speed: 10.0,
+            max_acceleration: 3.045347628849082,
+            max_jerk: 14.198232594650333,
+            start_speed: 34.713319712726225,
+        };
+        for distance in (0..60).map(|k| 190.0 + 0.25 * f64::from(k)).chain([s.distance]) {
+            for sign in [1.0, -1.0] {
+                let law =
+                    Law::s_curve(SCurve { distance: sign * distance, start_speed: sign * s.start_speed, ..s }).unwrap();
+                let mut position = Double::ZERO;
+                for piece in law.pieces().map(Result::unwrap) {
+                    assert!(
+                        (piece.first_position() - position).nearest().abs() < 1e-9,
+                        "{distance} at {:?}",
+                        piece.start
+                    );
+                    position = piece.last_position();
+                }
+                assert!((position.nearest() - sign * distance).abs() < 1e-9, "{distance}: {position:?}");
+            }
+        }
     }
 
     fn moves() -> impl Strategy<Value = SCurve> {

@@ -287,15 +287,29 @@ fn faded_into_rest(amplitude: f64, period_s: f64, level: f64, from_s: f64, over_
     Case { what, law, exact: Exact { theta: Box::new(theta), flat, end } }
 }
 
+/// A swing: steps, its period in s, the level of rest. A fade: from and over, s, and the rate of time.
+const SWINGS: [(f64, f64, f64); 4] = [(50.0, 1.0, 0.0), (100.0, 2.0, 0.0), (25.0, 0.5, 40.0), (12.5, 0.25, 3.0)];
+const FADES: [(f64, f64, f64); 4] = [(0.3, 1.3, 1.0), (2.5, 2.5, 0.5), (1.0, 0.37, 3.0), (0.6, 30.0, 1.0)];
+
+fn fade_into_rest(swing: (f64, f64, f64), fade: (f64, f64, f64)) {
+    let ((amplitude, period_s, level), (from_s, over_s, rate)) = (swing, fade);
+    let case = faded_into_rest(amplitude, period_s, level, from_s, over_s, rate);
+    for settings in all_settings() {
+        check(&case, &settings);
+    }
+}
+
 /// `goto 0` of a live motion whose grid is `reach`.
 #[test]
 fn fades_into_rest_on_a_level_are_planned_and_right() {
-    for (amplitude, period_s, level) in [(50.0, 1.0, 0.0), (100.0, 2.0, 0.0), (25.0, 0.5, 40.0), (12.5, 0.25, 3.0)] {
-        for (from_s, over_s, rate) in [(0.3, 1.3, 1.0), (2.5, 2.5, 0.5), (1.0, 0.37, 3.0), (0.6, 30.0, 1.0)] {
-            let case = faded_into_rest(amplitude, period_s, level, from_s, over_s, rate);
-            for settings in all_settings() {
-                check(&case, &settings);
-            }
-        }
+    SWINGS.into_iter().zip(FADES).for_each(|(swing, fade)| fade_into_rest(swing, fade));
+}
+
+mod long {
+    use super::*;
+
+    #[test]
+    fn all_fades_into_rest_on_a_level_are_planned_and_right() {
+        SWINGS.into_iter().for_each(|swing| FADES.into_iter().for_each(|fade| fade_into_rest(swing, fade)));
     }
 }

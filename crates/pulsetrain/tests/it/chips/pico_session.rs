@@ -155,7 +155,7 @@ fn run_out(session: &mut Pico, pins: &mut Pins) {
 }
 
 /// Each case takes seconds of an emulated chip.
-const CASES: u32 = 6;
+const CASES: u32 = 3;
 
 #[test]
 fn epochs_change_no_tick() {

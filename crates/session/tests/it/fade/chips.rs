@@ -166,8 +166,16 @@ fn slow_motors_delay_no_change() {
 
 #[test]
 fn changes_on_a_busy_pico_begin_within_20_ms() {
-    changes_begin_within(SOON_ON_PICO_S, &Load::of_speed("pico", 4, 200_000.0, 2.0), 6);
     changes_begin_within(SOON_ON_PICO_S, &Load::of_speed("pico", 8, 50_000.0, 5.0), 7);
+}
+
+mod long {
+    use super::*;
+
+    #[test]
+    fn changes_on_a_busier_pico_begin_within_20_ms() {
+        changes_begin_within(SOON_ON_PICO_S, &Load::of_speed("pico", 4, 200_000.0, 2.0), 6);
+    }
 }
 
 /// The steps as they were scheduled, and how many pulses the pins had.
@@ -192,7 +200,7 @@ impl Observer for Seen {
 
 /// Seconds of random changes; a longer trial: `PULSETRAIN_CHANGES_S=600`.
 fn changes_s() -> f64 {
-    std::env::var("PULSETRAIN_CHANGES_S").ok().and_then(|text| text.parse().ok()).unwrap_or(12.0)
+    std::env::var("PULSETRAIN_CHANGES_S").ok().and_then(|text| text.parse().ok()).unwrap_or(6.0 * rounds() as f64)
 }
 
 /// Laws, tempo, pauses and resumptions at any time, also several at once: no step is lost, no limit is broken, and the last law is followed as if there
@@ -344,7 +352,7 @@ fn anything_at_any_time_on_a_pico() {
 /// A stop that reaches the board before a change's tick, or just after it: the board counts what the host replays.
 fn stops_beside_changes_on(board: &'static str, load: &Load, seed: u64) {
     let mut random = Random(seed);
-    for trial in 0..12 {
+    for trial in 0..6 * rounds() {
         let mut driven = load.begin();
         let values: Vec<_> = load.peaks.iter().map(|(swing, hz)| (swing * random.between(0.3, 1.0), *hz)).collect();
         let change =
@@ -362,7 +370,7 @@ fn stops_beside_changes_on(board: &'static str, load: &Load, seed: u64) {
                 }
             }
             let stops = changed.is_some() && left == 0;
-            left -= usize::from(changed.is_some() && left > 0);
+            left -= u64::from(changed.is_some() && left > 0);
             let step = driven.step(stops.then_some(Command::Stop), &mut |_: Edge| {}, |event| {
                 if let Event::Progress { at_s: now_s } = event {
                     at_s = now_s;

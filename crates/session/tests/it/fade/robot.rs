@@ -311,7 +311,7 @@ fn tip() -> impl Strategy<Value = Tip> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(32))]
+    #![proptest_config(ProptestConfig::with_cases(16 * rounds() as u32))]
 
     #[test]
     fn changes_of_a_path_keep_limits_and_counts(wishes in wishes(tip().prop_map(|tip| robot(&tip)))) {

@@ -93,9 +93,13 @@ fn two_motors_are_stopped() {
     check(system(2, Budget { brakes: 1, ..Budget::default() }));
 }
 
-#[test]
-fn two_motors_are_trimmed() {
-    check(system(2, Budget { trims: 1, ..Budget::default() }));
+mod long {
+    use super::*;
+
+    #[test]
+    fn two_motors_are_trimmed() {
+        check(system(2, Budget { trims: 1, ..Budget::default() }));
+    }
 }
 
 #[test]
