@@ -32,7 +32,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
-mod bridge;
+pub mod bridge;
 mod clock;
 pub mod lease;
 pub mod link;
