@@ -5,7 +5,7 @@
 //!
 //! It also obeys the text form of verbs (docs/verbs.md), with ticks of 62.5 ns: [`NativeVerbs`] makes those steps.
 
-use crate::bridge::{self, CYCLES_PER_S, ToHost, bit_cycles};
+use crate::bridge::{self, Bridge, CYCLES_PER_S, ToHost, bit_cycles};
 use crate::native_verbs::NativeVerbs;
 use crate::{Config, Edge, MotorConfig, Port, PortError, VirtualBoard, Wiring};
 use pulsetrain_core::Direction;
@@ -403,6 +403,11 @@ impl VirtualBoard for NativeWinch {
 
     fn baud(&self) -> Baud {
         self.line.baud
+    }
+
+    fn set_bridge(&mut self, bridge: Bridge) -> bool {
+        self.line.to_host = ToHost::through(bridge);
+        true
     }
 }
 

@@ -226,13 +226,6 @@ impl VirtualUno {
         uno
     }
 
-    /// The same board behind another bridge.
-    #[must_use]
-    pub fn behind(mut self, bridge: Bridge) -> VirtualUno {
-        self.to_host = ToHost::through(bridge);
-        self
-    }
-
     /// Does what DTR does when a program opens the port: resets the chip. Bytes on their way are lost.
     pub fn reset(&mut self) {
         let now = self.chip.cycle();
@@ -348,6 +341,11 @@ impl VirtualBoard for VirtualUno {
             self.set_rate(rate);
         }
         Ok(())
+    }
+
+    fn set_bridge(&mut self, bridge: Bridge) -> bool {
+        self.to_host = ToHost::through(bridge);
+        true
     }
 }
 
