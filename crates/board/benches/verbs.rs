@@ -2,6 +2,7 @@
 //!
 //! A table, fields between tabs: what, at what, the figure; a last field says `FAILS` where it is not what was asked for.
 
+use pulsetrain_board::bridge::Bridge;
 use pulsetrain_testkit::delays::{delay, uno_held_ticks};
 use pulsetrain_testkit::examples::{Ran, dds_circle, delta, lorenz_attractor};
 
@@ -41,15 +42,17 @@ fn main() {
 /// On an Uno, from a host's call to the tick from which an order to all motors holds.
 fn uno() {
     let shield = [(2, 5), (3, 6), (4, 7), (12, 13)];
-    for motors in 1..=4 {
-        let ticks = [1, 4].map(|slower| uno_held_ticks(&shield[..motors], slower));
-        let figure = format!("{:.1} ms", ticks.into_iter().max().unwrap_or(0) as f64 / 16_000.0);
-        row(
-            "Uno: from the host's call to the tick from which an order holds, at most",
-            &format!("{motors} motors that run"),
-            &figure,
-            true,
-        );
+    for (name, bridge) in Bridge::ALL {
+        for motors in 1..=4 {
+            let ticks = [1, 4].map(|slower| uno_held_ticks(&shield[..motors], slower, bridge));
+            let figure = format!("{:.1} ms", ticks.into_iter().max().unwrap_or(0) as f64 / 16_000.0);
+            row(
+                "Uno: from the host's call to the tick from which an order holds, at most",
+                &format!("{motors} motors that run, behind a {name}"),
+                &figure,
+                true,
+            );
+        }
     }
 }
 

@@ -32,7 +32,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
-mod bridge;
+pub mod bridge;
 mod clock;
 pub mod lease;
 pub mod link;
@@ -178,6 +178,11 @@ pub trait VirtualBoard: Port {
         let baud = pulsetrain_core::wire::Baud::ALL.into_iter().find(|baud| baud.rate() == rate);
         baud.filter(|baud| *baud != self.baud()).map_or(Ok(()), |baud| self.set_baud(baud))
     }
+
+    /// Puts the board behind another chip between its serial line and USB. `false`: there is none, it has USB of its own.
+    fn set_bridge(&mut self, _bridge: bridge::Bridge) -> bool {
+        false
+    }
 }
 
 impl<B: VirtualBoard + ?Sized> VirtualBoard for Box<B> {
@@ -203,6 +208,10 @@ impl<B: VirtualBoard + ?Sized> VirtualBoard for Box<B> {
 
     fn set_client_rate(&mut self, rate: u32) -> Result<(), PortError> {
         (**self).set_client_rate(rate)
+    }
+
+    fn set_bridge(&mut self, bridge: bridge::Bridge) -> bool {
+        (**self).set_bridge(bridge)
     }
 }
 

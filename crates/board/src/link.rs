@@ -13,8 +13,12 @@ use pulsetrain_core::wire::{Baud, Command, Decoder, Encoder, MAX_FRAME, Reason, 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// The least time in which a confirmation is expected, whatever the rate: USB bridges hold bytes back for 1 to 2 ms each way.
+/// The least time in which a confirmation is expected, whatever the rate: a frame of USB to the board, and 5.1 ms back from a 16U2 ([`crate::bridge`]).
 const SHORTEST_TIMEOUT: Duration = Duration::from_millis(8);
+
+/// Answers that take longer make the link wait longer, by this much more than the slowest, and up to the most: those of an FTDI take 17 ms.
+const MORE_THAN_SLOWEST: Duration = Duration::from_millis(3);
+const MOST_SLOWEST: Duration = Duration::from_millis(20);
 
 /// Bits of a byte on the line, at most: start, data and two stop bits.
 pub(crate) const BITS: u64 = 11;
@@ -152,6 +156,8 @@ pub struct Counts {
 #[derive(Clone, Debug)]
 pub struct Link {
     decoder: Decoder,
+    /// The longest time that an answer took, of those to commands that were sent once.
+    slowest_answer: Duration,
     tag: Tag,
     nonce: u32,
     hello_since: Option<Duration>,
@@ -204,6 +210,7 @@ impl Link {
     pub fn new(nonce: u32) -> Link {
         Link {
             decoder: Decoder::new(),
+            slowest_answer: Duration::ZERO,
             tag: Tag::NONE,
             nonce,
             hello_since: None,
@@ -569,7 +576,8 @@ impl Link {
     #[must_use]
     pub fn shortest_timeout(&self) -> Duration {
         let bits = BITS * 3 * MAX_FRAME as u64;
-        SHORTEST_TIMEOUT + Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.baud.rate()))
+        SHORTEST_TIMEOUT.max(self.slowest_answer + MORE_THAN_SLOWEST)
+            + Duration::from_nanos(bits * 1_000_000_000 / u64::from(self.baud.rate()))
     }
 
     /// Takes bytes that were received from the board by `now`.
@@ -712,6 +720,9 @@ impl Link {
             }
             return;
         };
+        if let Some(asked) = pending.first.filter(|first| *first == pending.last) {
+            self.slowest_answer = self.slowest_answer.max((now - asked).min(MOST_SLOWEST));
+        }
         self.confirm(seq, now);
         match reply {
             Reply::Configured(free) => self.set_free(free.as_slice().iter().copied()),

@@ -5,7 +5,7 @@
 //!
 //! It also obeys the text form of verbs (docs/verbs.md), with ticks of 62.5 ns: [`NativeVerbs`] makes those steps.
 
-use crate::bridge::{self, CYCLES_PER_S, bit_cycles};
+use crate::bridge::{self, Bridge, CYCLES_PER_S, ToHost, bit_cycles};
 use crate::native_verbs::NativeVerbs;
 use crate::{Config, Edge, MotorConfig, Port, PortError, VirtualBoard, Wiring};
 use pulsetrain_core::Direction;
@@ -93,7 +93,7 @@ struct SerialLine {
     /// Bytes on their way to the board, with the tick at which each arrives.
     to_board: VecDeque<(u64, u8)>,
     /// Bytes on their way to the host, with the tick at which each arrives.
-    to_host: VecDeque<(u64, u8)>,
+    to_host: ToHost,
     /// The tick up to which the line to the board is busy.
     busy_to_board: u64,
     /// The tick up to which the line to the host is busy.
@@ -113,7 +113,7 @@ impl NativeWinch {
         let line = SerialLine {
             baud: Baud::B115200,
             to_board: VecDeque::new(),
-            to_host: VecDeque::new(),
+            to_host: ToHost::default(),
             busy_to_board: 0,
             busy_to_host: 0,
         };
@@ -381,7 +381,7 @@ impl SerialLine {
         for byte in text {
             self.busy_to_host = self.busy_to_host.max(now) + self.byte_ticks();
             let byte = if at_wrong_rate { bridge::garbled(*byte) } else { *byte };
-            self.to_host.push_back((self.busy_to_host, byte));
+            self.to_host.say(self.busy_to_host, byte);
         }
     }
 }
@@ -404,6 +404,11 @@ impl VirtualBoard for NativeWinch {
     fn baud(&self) -> Baud {
         self.line.baud
     }
+
+    fn set_bridge(&mut self, bridge: Bridge) -> bool {
+        self.line.to_host = ToHost::through(bridge);
+        true
+    }
 }
 
 impl Port for NativeWinch {
@@ -424,13 +429,10 @@ impl Port for NativeWinch {
         let until = bridge::cycles(until);
         let had = into.len();
         while into.len() == had && self.now < until {
-            // Bytes reach the host with the next USB frame.
             let frame = bridge::next_frame(self.now);
             self.run(frame.min(until));
-            while self.now == frame
-                && let Some((_, byte)) = self.line.to_host.pop_front_if(|(at, _)| *at <= frame)
-            {
-                into.push(byte);
+            if self.now == frame {
+                self.line.to_host.hand_over(frame, into);
             }
         }
         Ok(())

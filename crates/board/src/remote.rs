@@ -56,8 +56,8 @@ const FREE_BYTES_EVERY: Duration = Duration::from_millis(10);
 /// The longest wait for the port before the queues are looked after again.
 const LONGEST_ROUND: Duration = Duration::from_millis(3);
 
-/// The most that a reading of the board's clock is uncertain by because USB bridges hold bytes back: 1 to 2 ms each way, with reserve.
-const BRIDGE_DELAY: Duration = Duration::from_millis(6);
+/// The most that a reading of the board's clock is uncertain by because USB bridges hold bytes back: up to 17 ms an FTDI's, with reserve.
+const BRIDGE_DELAY: Duration = Duration::from_millis(20);
 
 /// An item counts as gone from its queue this long after the computed tick, as a fraction of a second: 1 ms covers the error of the host's clock
 /// reading.

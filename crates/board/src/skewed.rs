@@ -1,5 +1,6 @@
 //! A virtual board whose clock runs too fast or too slow, as an Uno's ceramic resonator may by up to half a percent.
 
+use crate::bridge::Bridge;
 use crate::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use std::time::Duration;
@@ -92,5 +93,9 @@ impl<B: VirtualBoard> VirtualBoard for Skewed<B> {
 
     fn set_client_rate(&mut self, rate: u32) -> Result<(), PortError> {
         self.board.set_client_rate(rate)
+    }
+
+    fn set_bridge(&mut self, bridge: Bridge) -> bool {
+        self.board.set_bridge(bridge)
     }
 }

@@ -4,7 +4,7 @@
 //! ATmega16U2 as on the real board: bytes cross USB once a millisecond, then go over the line at the rate that the bridge can make. At 115 200 baud
 //! that rate is as far off as the chip's own.
 
-use crate::bridge::{bit_cycles, cycles, duration, garbled, next_frame};
+use crate::bridge::{Bridge, ToHost, bit_cycles, cycles, duration, garbled, next_frame};
 use crate::{Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_emulator::{
@@ -85,6 +85,8 @@ pub struct VirtualUno {
     next_rate: Option<(u64, u32)>,
     /// The cycle up to which the bridge is busy sending.
     line_busy: u64,
+    /// What the bridge holds back.
+    to_host: ToHost,
     /// The word address at which the bootloader begins, if there is one.
     bootloader: Option<u16>,
     /// Whether the program is not this project's firmware: then all edges are reported, and tick 0 is the chip's reset.
@@ -217,8 +219,9 @@ impl VirtualUno {
 
     fn plugged_in(chip: Atmega328p, bootloader: Option<u16>, foreign: bool) -> VirtualUno {
         let (outside, rate) = (UnoOutputs::default(), Baud::B115200.rate());
+        let to_host = ToHost::default();
         let mut uno =
-            VirtualUno { chip, outside, zero: None, rate, next_rate: None, line_busy: 0, bootloader, foreign };
+            VirtualUno { chip, outside, zero: None, rate, next_rate: None, line_busy: 0, to_host, bootloader, foreign };
         uno.reset();
         uno
     }
@@ -229,6 +232,7 @@ impl VirtualUno {
         let until = now + RESET_PULSE + START_UP;
         self.chip.hold(ResetCause::External, until, &mut self.outside);
         self.outside.bytes.clear();
+        self.to_host.clear();
         self.zero = self.foreign.then_some(now);
         self.line_busy = until;
     }
@@ -283,7 +287,7 @@ impl VirtualUno {
         }
     }
 
-    /// Takes the bytes that have come over USB by `cycle`; those that were sent at a wrong rate are received wrong.
+    /// Takes the bytes that the bridge hands over with the frame of USB at `cycle`; those that were sent at a wrong rate are received wrong.
     fn fetch(&mut self, cycle: u64, into: &mut Vec<u8>) {
         while let Some(byte) = self.outside.bytes.front().filter(|byte| byte.end_cycle <= cycle).copied() {
             self.outside.bytes.pop_front();
@@ -291,9 +295,11 @@ impl VirtualUno {
             let (own, theirs) = (bit_cycles(self.rate), u64::from(byte.cycles_per_bit));
             let off = own.abs_diff(theirs) * 1000 / own;
             // At a wrong rate another byte is received.
-            into.push(if off <= RATE_TOLERANCE { byte.byte() } else { garbled(byte.byte()) });
+            let heard = if off <= RATE_TOLERANCE { byte.byte() } else { garbled(byte.byte()) };
+            self.to_host.say(byte.end_cycle, heard);
         }
         self.change_rate(cycle);
+        self.to_host.hand_over(cycle, into);
     }
 
     fn change_rate(&mut self, cycle: u64) {
@@ -336,6 +342,11 @@ impl VirtualBoard for VirtualUno {
         }
         Ok(())
     }
+
+    fn set_bridge(&mut self, bridge: Bridge) -> bool {
+        self.to_host = ToHost::through(bridge);
+        true
+    }
 }
 
 impl Port for VirtualUno {
@@ -360,7 +371,6 @@ impl Port for VirtualUno {
         let until = cycles(until);
         let had = into.len();
         while into.len() == had && self.chip.cycle() < until {
-            // Bytes reach the host with the next USB frame.
             let frame = next_frame(self.chip.cycle());
             self.run(frame.min(until));
             if self.chip.cycle() >= frame {

@@ -3,9 +3,10 @@
 use super::lab::verb_limits;
 use super::pico::{TICK_HZ, step_dir};
 use super::{Random, uno_setup};
+use pulsetrain_board::bridge::Bridge;
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Board, Edge, Remote, Setup};
+use pulsetrain_board::{Board, Edge, Remote, Setup, VirtualBoard};
 use pulsetrain_core::verbs::{Heading, Verb};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::orders::Obeyed;
@@ -89,10 +90,12 @@ pub fn delay(rate: u64, turns: bool, times: u32) -> Delay {
 }
 
 /// The longest time from a host's call to the tick from which its order holds, ticks: on an Uno over USB at 1 Mbaud, with all motors on `pins` running at
-/// `slower` times their shortest period, and an order to all of them.
-pub fn uno_held_ticks(pins: &[(u8, u8)], slower: u64) -> u64 {
+/// `slower` times their shortest period, and an order to all of them. No frame may be sent twice meanwhile.
+pub fn uno_held_ticks(pins: &[(u8, u8)], slower: u64, bridge: Bridge) -> u64 {
     let setup = uno_setup(pins, 16);
-    let mut uno = Remote::open(VirtualUno::with_verbs(), 1).expect("it answers");
+    let mut uno = VirtualUno::with_verbs();
+    assert!(uno.set_bridge(bridge));
+    let mut uno = Remote::open(uno, 1).expect("it answers");
     assert_eq!(uno.set_baud(Baud::B1M), Ok(Baud::B1M));
     uno.configure(&setup).expect("it can");
     let tell = |uno: &mut Remote<VirtualUno>, verb| {
@@ -102,11 +105,14 @@ pub fn uno_held_ticks(pins: &[(u8, u8)], slower: u64) -> u64 {
     let period = u64::from(verb_limits(&setup).shortest) * slower;
     tell(&mut uno, Verb::Speed { ticks: period });
     tell(&mut uno, Verb::Run);
+    let before = uno.link().counts().repeated;
     let rounds = 0..20_u64;
     let held = rounds.map(|round| {
         uno.advance(uno.now() + 30_000 + 997 * round, &mut |_: Edge| {});
         let said = uno.now();
         tell(&mut uno, Verb::Speed { ticks: period + 100 * (round % 3) }) - said
     });
-    held.max().unwrap_or(0)
+    let held = held.max().unwrap_or(0);
+    assert_eq!(uno.link().counts().repeated, before, "{bridge:?}");
+    held
 }

@@ -1,9 +1,10 @@
 //! A model of a board behind a serial line, without an emulated chip: fast enough for many tests of the link.
 //!
 //! Its steps are those of a native board with 16 fraction bits, and its protocol is the [`Service`] that firmware runs. Bytes take their time on the
-//! line, and a USB bridge passes them on once in a millisecond. The model is also an example of what a [`BoardSide`] has to do.
+//! line, and behind a USB bridge, which is that of a virtual Uno. The model is also an example of what a [`BoardSide`] has to do.
 
 use crate::Random;
+use pulsetrain_board::bridge::ToHost;
 use pulsetrain_board::lease::{ExtendRefused, TrimRefused};
 use pulsetrain_board::native::QUEUE_LEN;
 use pulsetrain_board::{
@@ -49,8 +50,8 @@ const AHEAD: u64 = 4 * ROUND;
 /// The period with which motors that obey verbs begin, ticks: 1000 steps/s.
 const FIRST_PERIOD: u32 = TICK_HZ / 1000;
 
-/// Ticks from one transfer of the USB bridge to the next: 1 ms.
-const BRIDGE: u64 = TICK_HZ as u64 / 1000;
+/// Ticks from one frame of USB to the next: 1 ms.
+const USB_FRAME: u64 = TICK_HZ as u64 / 1000;
 
 /// The board: motors, queues and clock, without the line.
 #[derive(Clone, Debug)]
@@ -623,8 +624,8 @@ pub struct ModelPort {
     baud: Baud,
     to_board: VecDeque<Flying>,
     to_host: VecDeque<Flying>,
-    /// Bytes that the bridge passes on to the host at its next millisecond.
-    bridge: Vec<u8>,
+    /// What the bridge holds back.
+    bridge: ToHost,
     edges: Vec<Edge>,
     /// Random bits, for bytes that were sent at another rate.
     noise: Random,
@@ -648,7 +649,7 @@ impl ModelPort {
             baud: Baud::B115200,
             to_board: VecDeque::new(),
             to_host: VecDeque::new(),
-            bridge: Vec::new(),
+            bridge: ToHost::default(),
             edges: Vec::new(),
             noise: Random::new(1),
         }
@@ -713,9 +714,9 @@ impl ModelPort {
             let byte_ticks = byte_ticks(model.baud);
             to_host.extend((1..).zip(&out[..len]).map(|(index, byte)| (*now + index * byte_ticks, model.baud, *byte)));
         }
-        while let Some((_, baud, byte)) = self.to_host.pop_front_if(|(at, ..)| *at <= self.now) {
+        while let Some((at, baud, byte)) = self.to_host.pop_front_if(|(at, ..)| *at <= self.now) {
             let byte = heard(byte, baud, self.baud, &mut self.noise);
-            self.bridge.push(byte);
+            self.bridge.say(at, byte);
         }
     }
 }
@@ -741,8 +742,8 @@ impl Port for ModelPort {
     }
 
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        // Bytes go out with the bridge's next millisecond, after those before them.
-        let bridged = self.now.next_multiple_of(BRIDGE);
+        // Bytes go out with the next frame of USB, after those before them.
+        let bridged = self.now.next_multiple_of(USB_FRAME);
         let mut at = self.to_board.back().map_or(bridged, |(at, ..)| bridged.max(*at));
         for byte in bytes {
             at += byte_ticks(self.baud);
@@ -752,12 +753,11 @@ impl Port for ModelPort {
     }
 
     fn receive(&mut self, until: Duration, into: &mut Vec<u8>) -> Result<(), PortError> {
-        while self.now() < until {
-            let millisecond = self.now / BRIDGE;
+        let had = into.len();
+        while into.len() == had && self.now() < until {
             self.round();
-            if self.now / BRIDGE != millisecond && !self.bridge.is_empty() {
-                into.append(&mut self.bridge);
-                return Ok(());
+            if self.now.is_multiple_of(USB_FRAME) {
+                self.bridge.hand_over(self.now, into);
             }
         }
         Ok(())

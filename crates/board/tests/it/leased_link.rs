@@ -283,7 +283,7 @@ fn trims_are_done_once_on_a_bad_line() {
             let count = random.between(least, least + 12);
             (0..count).map(|_| run(random.between(20, 60) as u32, random.between(5000, 9000) as i64)).collect()
         };
-        let mut items = some(30);
+        let mut items = some(40);
         begin(&mut remote, 1, &items, |from| Lease::Until(from + 4 * TICK_HZ));
         remote.port_mut().set(Rates { drop: 120, flip: 60, delay: 60, duplicate: 200 });
         let mut pulses = Pulses::default();

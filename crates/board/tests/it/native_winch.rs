@@ -37,23 +37,25 @@ impl Lab {
         self.winch.send(format!("{line}\n").as_bytes()).unwrap();
     }
 
+    /// The lines that were said. One that is under way does not count.
+    fn lines(&self) -> impl Iterator<Item = &str> {
+        let text = str::from_utf8(&self.heard).unwrap();
+        text.rsplit_once("\r\n").map_or("", |(whole, _)| whole).split("\r\n")
+    }
+
     /// What was said, but for statuses.
     fn replies(&self) -> Vec<&str> {
-        let text = str::from_utf8(&self.heard).unwrap();
-        text.split("\r\n").filter(|line| !line.is_empty() && !line.starts_with("txyza ")).collect()
+        self.lines().filter(|line| !line.is_empty() && !line.starts_with("txyza ")).collect()
     }
 
     /// The clock's µs and the positions of each status.
     fn statuses(&self) -> Vec<(u64, [i64; 4])> {
-        let text = str::from_utf8(&self.heard).unwrap();
-        // The last line may be under way.
-        let text = text.rsplit_once("\r\n").map_or("", |(whole, _)| whole);
         let of_line = |line: &str| {
             let numbers: Vec<i64> = line.strip_prefix("txyza ")?.split(' ').map(|word| word.parse().unwrap()).collect();
             let [usec, x, y, z, a] = numbers[..] else { panic!("{line}") };
             Some((u64::try_from(usec).unwrap(), [x, y, z, a]))
         };
-        text.split("\r\n").filter_map(of_line).collect()
+        self.lines().filter_map(of_line).collect()
     }
 
     /// Each axis' steps: tick and position after it. DIR is up a while before, and pulses last.

@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use miette::miette;
+use pulsetrain_board::bridge::Bridge;
 use pulsetrain_board::hex::{self, HexError};
 use pulsetrain_board::native_winch::NativeWinch;
 use pulsetrain_board::profiles::{DeviceProfile, Emulation, Flashing, Role};
@@ -64,6 +65,10 @@ pub(crate) struct BoardArgs {
     /// --pty nor --tcp. `uno`: `winch`, the firmware that knows StepperWinch's text, or `verbs`, the one that obeys MOVE, SPEED and DIRECTION
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
+    /// Only `uno` and `winch`: the chip between its serial line and USB. It holds back what the board says for up to 5 ms (`16u2`, an Arduino's
+    /// own), 1 ms (`ch340`) or 17 ms (`ftdi`)
+    #[arg(long, value_name = "CHIP", value_parser = bridge())]
+    pub(crate) bridge: Option<Bridge>,
     /// End after this much of the board's time, as with Ctrl-C
     #[arg(long = "for", value_name = "TIME", value_parser = arguments::duration, allow_hyphen_values = true)]
     pub(crate) length: Option<Time>,
@@ -88,6 +93,11 @@ const WINCH: &str = "winch";
 fn board_or_winch() -> impl TypedValueParser<Value = ServedBoard> {
     let names = BoardKind::names().chain([WINCH]);
     PossibleValuesParser::new(names).map(|name| BoardKind::named(&name).map_or(ServedBoard::Winch, ServedBoard::Chip))
+}
+
+fn bridge() -> impl TypedValueParser<Value = Bridge> {
+    let names = Bridge::ALL.map(|(name, _)| name);
+    PossibleValuesParser::new(names).map(|name| Bridge::named(&name).unwrap_or_default())
 }
 
 pub(crate) fn run(args: &BoardArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
@@ -214,13 +224,16 @@ fn emulation(kind: BoardKind) -> miette::Result<Emulation> {
 }
 
 fn serve_board<B: VirtualBoard, C: Client>(
-    board: B,
+    mut board: B,
     name: &str,
     client: C,
     place: &str,
     args: &BoardArgs,
     console: &mut Console<'_>,
 ) -> miette::Result<Exit> {
+    if args.bridge.is_some_and(|bridge| !board.set_bridge(bridge)) {
+        return Err(miette!(help = "leave --bridge out", "the {name} has USB of its own: there is no chip between"));
+    }
     let trace = args.trace.as_deref().map(console::create).transpose()?;
     let broken = |error: std::io::Error| miette!("the virtual {name} cannot go on: {error}");
     let mut service = Service::new(Skewed::new(board, args.clock_ppm), client, trace).map_err(broken)?;
