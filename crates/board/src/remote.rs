@@ -17,7 +17,7 @@ use pulsetrain_core::verbs::Verb;
 use pulsetrain_core::wire::message::{
     self, Cause, Configuration, Event, Info, Measures, MotorSetup, NO_PIN, Status, flags, image, kind, limit_bytes,
 };
-use pulsetrain_core::wire::orders::{ORDER_LEN, Obeyed, Orders, order};
+use pulsetrain_core::wire::orders::{MAX_ORDERS, ORDER_LEN, Obeyed, Orders, order};
 use pulsetrain_core::wire::{Baud, Command, MAX_FRAME, Reason, Reply, Settings, Stopped, Stored, Switched, Trimmed};
 use pulsetrain_core::{Entry, Epoch, Item, Tick32};
 use std::collections::VecDeque;
@@ -215,7 +215,7 @@ pub enum RemoteError {
         cause: Cause,
     },
     /// There are more orders than fit in one frame. None was sent.
-    #[error("{orders} orders are more than the board takes at once: {most}")]
+    #[error("{orders} orders are more than the board takes at once: {most}. Each axis of each verb is one")]
     TooManyOrders {
         /// The number of orders.
         orders: usize,
@@ -661,12 +661,9 @@ impl<P: Port> Remote<P> {
     ///
     /// # Errors
     /// When the board is lost or refuses, or when the orders do not fit in one frame. No order is obeyed then.
-    ///
-    /// # Panics
-    /// With more than eight orders.
     pub fn tell_motors(&mut self, orders: &[(u8, Verb)]) -> Result<Obeyed, RemoteError> {
         // A frame's body has two bytes before the orders.
-        let most = (usize::from(self.info().max_body) - 2) / ORDER_LEN;
+        let most = (usize::from(self.info().max_body).saturating_sub(2) / ORDER_LEN).min(MAX_ORDERS);
         if orders.len() > most {
             return Err(RemoteError::TooManyOrders { orders: orders.len(), most });
         }

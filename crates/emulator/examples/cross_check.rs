@@ -7,6 +7,7 @@
 //!   digits) and prints `pc sreg sp cycles registers [address:byte]...` after one instruction.
 //! - `cross_check timers`: reads lines of a timer's number (not needed here) and a program's words, runs each to its
 //!   `sleep`, and prints `end=CYCLE pushed=BYTES edges=CYCLE:PIN=LEVEL,...`.
+#![allow(clippy::disallowed_methods, reason = "its files are named by xtask")]
 
 use pulsetrain_emulator::{Atmega328p, Observer, PinEdge, UartByte};
 use std::error::Error;

@@ -12,6 +12,7 @@
 //!   unstacking; and `h COUNT HASH` as above.
 //! - `cross_check_arm usb IMAGE`: the same, with a PC that sends 1000 bytes to its serial port; prints how far the PC came
 //!   and what comes back.
+#![allow(clippy::disallowed_methods, reason = "its files are named by xtask")]
 
 use pulsetrain_emulator::arm::{Bus, BusFault, Config, Cpu, Size};
 use pulsetrain_emulator::{LineByte, Observer, Rp2040, UsbState, image};

@@ -564,8 +564,9 @@ impl Header<'_> {
         if columns.len() < 2 {
             return Ok(columns.first().copied());
         }
-        let listed: Vec<String> = columns.iter().map(|column| self.called(*column)).collect();
-        Err(self.error(format!("one column {what}"), listed.join(" and ")))
+        let listed: Vec<String> = columns.iter().take(MAX_LISTED).map(|column| self.called(*column)).collect();
+        let more = if columns.len() > MAX_LISTED { ", …" } else { "" };
+        Err(self.error(format!("one column {what}"), listed.join(" and ") + more))
     }
 
     /// The columns that the roles' may be, the likeliest first; `may_be` says what a column of unknown name may be by its numbers.
@@ -585,7 +586,7 @@ impl Header<'_> {
             let columns: &Vec<usize> = if columns.is_empty() { &free } else { columns };
             let with = |some: &Vec<usize>| {
                 let others = columns.iter().filter(|column| !some.contains(column));
-                others.map(|column| [some.as_slice(), &[*column]].concat()).collect::<Vec<_>>()
+                others.take(MOST).map(|column| [some.as_slice(), &[*column]].concat()).collect::<Vec<_>>()
             };
             possible = possible.iter().flat_map(with).take(MOST).collect();
         }
@@ -638,12 +639,17 @@ impl Header<'_> {
 
     /// All titles, for messages.
     fn listed(&self) -> String {
-        const MOST: usize = 8;
-        let titles: Vec<String> = self.titles.iter().take(MOST).map(|title| shown(title.text.as_bytes())).collect();
-        let more = if self.titles.len() > MOST { ", …" } else { "" };
+        let titles: Vec<String> =
+            self.titles.iter().take(MAX_LISTED).map(|title| shown(title.text.as_bytes())).collect();
+        let more = if self.titles.len() > MAX_LISTED { ", …" } else { "" };
         if titles.is_empty() { "no header".to_owned() } else { titles.join(", ") + more }
     }
 }
+
+/// Columns that messages name.
+const MAX_LISTED: usize = 8;
+/// Columns of a file that is read. Recordings have some dozens; the logs of cars have a thousand.
+const MAX_COLUMNS: usize = 10_000;
 
 /// The rows of a CSV file.
 pub struct CsvTable<'a> {
@@ -745,8 +751,9 @@ impl<'a> CsvTable<'a> {
         let is_number = |field: &[u8]| std::str::from_utf8(field).is_ok_and(|text| number(text).is_some());
         let (at, filled) = (row.at(), row.fields.iter().rposition(|field| !field.is_empty()).map_or(0, |k| k + 1));
         if !row.fields.iter().any(is_number) || is_titles(&row.fields.iter().collect::<Vec<_>>()) {
-            let title = |k: usize| Title::parse(&String::from_utf8_lossy(row.get(k)), row.place(k));
-            return Ok(Header { titles: (0..row.len()).map(title).collect(), ..none(at, row.len(), None) });
+            let places = row.places(row.len()).into_iter().enumerate();
+            let title = |(k, place)| Title::parse(&String::from_utf8_lossy(row.get(k)), place);
+            return Ok(Header { titles: places.map(title).collect(), ..none(at, row.len(), None) });
         }
         let header = match form.comments_above(at.start, filled) {
             Some((titles, at)) if !titles.is_empty() => Header { titles, ..none(at, filled, None) },
@@ -777,6 +784,11 @@ impl<'a> CsvTable<'a> {
             }
         }
         let (row, width) = (Row { form: self.form, fields: &self.row }, self.width);
+        if row.len() > MAX_COLUMNS {
+            let at = row.begin();
+            let expected = format!("{MAX_COLUMNS} columns at most");
+            return Err(ReadError::at(self.form.bytes, at..at, expected, format!("{}", row.len())));
+        }
         if let Some(extra) = (width..row.len()).find(|k| !row.get(*k).is_empty()) {
             let columns = if width == 1 { "column" } else { "columns" };
             let error = row.error(extra, format!("{width} {columns} as in the first row"));
@@ -901,29 +913,36 @@ impl<'t> Row<'t> {
     /// Where a field is written; the row's end if it is too short.
     #[must_use]
     pub fn place(&self, index: usize) -> Range<usize> {
+        self.places(index + 1).pop().unwrap_or_default()
+    }
+
+    /// Where the first `count` fields are written; the row's end for those that it does not have.
+    fn places(&self, count: usize) -> Vec<Range<usize>> {
         let bytes = self.form.bytes;
-        let (mut from, mut field, mut quoted) = (self.begin(), 0, false);
-        let mut to = from;
-        while let Some(&byte) = bytes.get(to) {
+        let (mut from, mut quoted) = (self.begin(), false);
+        let (mut to, mut places) = (from, Vec::new());
+        let written = |from: usize, to: usize| {
+            let written = &bytes[from..to];
+            let from = to - written.trim_ascii_start().len();
+            from..from + written.trim_ascii().len()
+        };
+        while let Some(&byte) = bytes.get(to).filter(|_| places.len() < count) {
             match byte {
                 b'"' if quoted || to == from => quoted = !quoted,
                 b'\n' | b'\r' if !quoted => break,
                 byte if byte == self.form.delimiter && !quoted => {
-                    if field == index {
-                        break;
-                    }
-                    (field, from) = (field + 1, to + 1);
+                    places.push(written(from, to));
+                    from = to + 1;
                 }
                 _ => {}
             }
             to += 1;
         }
-        if field < index {
-            return to..to;
+        if places.len() < count {
+            places.push(written(from, to));
         }
-        let written = &bytes[from..to];
-        let from = to - written.trim_ascii_start().len();
-        from..from + written.trim_ascii().len()
+        places.resize(count, to..to);
+        places
     }
 
     /// The row's first byte. The reader's own position is before the comments and empty lines that it left out.

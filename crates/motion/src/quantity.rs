@@ -682,9 +682,15 @@ fn nearest_unit(unit: &str) -> Option<&'static str> {
 /// The name that a misspelt one is nearest to, if it is near at all.
 #[must_use]
 pub fn nearest<'a>(written: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    /// A longer word is no misspelt name, and the distance of long ones takes the product of their lengths.
+    const MAX_NAME_BYTES: usize = 200;
+    if written.len() > MAX_NAME_BYTES {
+        return None;
+    }
     let lower = written.to_lowercase();
     known
         .into_iter()
+        .filter(|name| name.len() <= MAX_NAME_BYTES)
         .map(|name| (strsim::damerau_levenshtein(&lower, &name.to_lowercase()), name))
         .filter(|(distance, name)| *distance <= 1 + name.len().min(lower.len()) / 4)
         // mHz is not MHz.

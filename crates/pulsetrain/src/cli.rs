@@ -7,6 +7,7 @@ use clap::{Parser, Subcommand};
 use miette::{GraphicalReportHandler, GraphicalTheme};
 
 use crate::arguments::{At, Table};
+use crate::clean::is_order;
 use crate::commands;
 use crate::commands::problems::RunStopped;
 use crate::console::{Console, Exit};
@@ -169,7 +170,7 @@ pub fn run<A: Into<OsString> + Clone>(
     out: &mut dyn Write,
     err: &mut dyn Write,
 ) -> Exit {
-    run_on(args, &mut Console { out, err, err_is_terminal: false })
+    run_on(args, &mut Console::new(out, err, false))
 }
 
 /// Runs the command line of this process. Ctrl-C ends it with a message, or stops the motors of a board at a port.
@@ -202,6 +203,7 @@ pub fn run_on<A: Into<OsString> + Clone>(args: impl IntoIterator<Item = A>, cons
 }
 
 fn obey(command: &Command, console: &mut Console<'_>) -> miette::Result<Exit> {
+    crate::files::begin();
     match command {
         Command::Run(args) => commands::run::run(args, console),
         Command::Live(args) => commands::live::run(args, console),
@@ -245,17 +247,27 @@ fn finish(outcome: miette::Result<Exit>, as_json: bool, console: &mut Console<'_
         } else if as_json {
             let _ = console.print_json(&as_report(&report));
         }
-        let theme = if console.err_is_terminal { GraphicalTheme::unicode() } else { GraphicalTheme::unicode_nocolor() };
-        let mut text = String::new();
-        let handler = GraphicalReportHandler::new_themed(theme).with_width(100).with_links(false);
-        if handler.render_report(&mut text, report.as_ref()).is_err() {
-            text = format!("{report}\n");
+        let text = rendered(&report, GraphicalTheme::unicode_nocolor());
+        if console.err_is_terminal && !text.contains(is_order) {
+            // Nothing in it is an order but its colours.
+            drop(console.err.screen().write_all(rendered(&report, GraphicalTheme::unicode()).as_bytes()));
+        } else {
+            complain(console, &text);
         }
-        // miette prints a help line below each problem, so the marker of the command goes in front of each problem
-        // behind the first. No line of a file begins without a margin.
-        complain(console, &text.replace("\nError: \n", "\n").replace("\nAdvice: \n", "\n"));
         if stopped.is_some() { Exit::Stopped } else { Exit::Refused }
     })
+}
+
+/// An error with its advice and the places in its source.
+fn rendered(report: &miette::Report, theme: GraphicalTheme) -> String {
+    let mut text = String::new();
+    let handler = GraphicalReportHandler::new_themed(theme).with_width(100).with_links(false);
+    if handler.render_report(&mut text, report.as_ref()).is_err() {
+        text = format!("{report}\n");
+    }
+    // miette prints a help line below each problem, so the marker of the command goes in front of each problem
+    // behind the first. No line of a file begins without a margin.
+    text.replace("\nError: \n", "\n").replace("\nAdvice: \n", "\n")
 }
 
 /// If the errors' own stream is closed, the exit code is the only sign of the error.

@@ -9,6 +9,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use miette::Diagnostic;
 use pulsetrain_session::control::Event;
 
+use crate::clean::{Cleaned, escaped_json};
+use crate::files::inputs::{MAX_TYPED_BYTES, next_line};
+
 /// How a command ended: the process's exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Exit {
@@ -34,27 +37,47 @@ impl From<Exit> for std::process::ExitCode {
 pub struct Access {
     action: &'static str,
     what: String,
+    /// What on the command line says where a file goes.
+    option: Option<&'static str>,
     // Its text is in the message, so it is no source: else it would be printed twice.
     error: io::Error,
 }
 
 impl Diagnostic for Access {
     fn help<'a>(&'a self) -> Option<Box<dyn Display + 'a>> {
-        let advice = match (self.action, self.error.kind()) {
-            ("read", io::ErrorKind::NotFound) => "look at the path; it counts from the folder in which you are",
-            ("read", _) => return None,
-            (_, io::ErrorKind::PermissionDenied) => "take another place with --out, or change its permissions",
-            (_, io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => {
-                "make room, or take another disk with --out"
+        let advice = match (self.action, self.option, self.error.kind()) {
+            ("read", _, io::ErrorKind::NotFound) => {
+                "look at the path; it counts from the folder in which you are".to_owned()
             }
-            (_, io::ErrorKind::ReadOnlyFilesystem | io::ErrorKind::NotADirectory | io::ErrorKind::IsADirectory) => {
-                "take another place with --out"
+            ("read", ..) => return None,
+            (_, Some(option), io::ErrorKind::PermissionDenied) => {
+                format!("{}, or change its permissions", elsewhere(option))
             }
-            (_, io::ErrorKind::AlreadyExists) => "take another name, or delete it first",
+            (_, Some(option), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => {
+                format!("make room, or {}", elsewhere(option))
+            }
+            (_, Some(option), io::ErrorKind::AlreadyExists) => {
+                format!("{}, or delete it first", elsewhere(option))
+            }
+            (_, Some(option), _) => elsewhere(option),
+            (_, None, io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => "make room".to_owned(),
             _ => return None,
         };
         Some(Box::new(advice))
     }
+}
+
+impl Access {
+    /// The error for an output, whose place `option` chooses.
+    #[must_use]
+    pub fn write(path: &Path, option: &'static str, error: io::Error) -> Access {
+        Access { action: "write", what: path.display().to_string(), option: Some(option), error }
+    }
+}
+
+/// The cure for an output that cannot be where it was to go: an option, or what stands in its place.
+pub(crate) fn elsewhere(option: &str) -> String {
+    if option.starts_with('-') { format!("take another place with {option}") } else { format!("take another {option}") }
 }
 
 /// A system's error in words, without its number.
@@ -78,11 +101,18 @@ pub(crate) fn in_words(error: &io::Error) -> String {
 /// Where a command prints.
 pub struct Console<'a> {
     /// Results.
-    pub out: &'a mut dyn Write,
+    pub out: Cleaned<'a>,
     /// Errors.
-    pub err: &'a mut dyn Write,
+    pub err: Cleaned<'a>,
     /// Whether `err` is a terminal: colours and progress bars are for people.
     pub err_is_terminal: bool,
+}
+
+impl<'a> Console<'a> {
+    /// Prints results to `out` and errors to `err`, which may be a terminal.
+    pub fn new(out: &'a mut dyn Write, err: &'a mut dyn Write, err_is_terminal: bool) -> Console<'a> {
+        Console { out: Cleaned::new(out), err: Cleaned::new(err), err_is_terminal }
+    }
 }
 
 impl Console<'_> {
@@ -94,7 +124,7 @@ impl Console<'_> {
     pub fn print(&mut self, text: impl Display) -> miette::Result<()> {
         match write!(self.out, "{text}").and_then(|()| self.out.flush()) {
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-            Err(error) => Err(Access { action: "write to", what: "the output".into(), error }.into()),
+            Err(error) => Err(Access { action: "write to", what: "the output".into(), option: None, error }.into()),
             Ok(()) => Ok(()),
         }
     }
@@ -125,7 +155,7 @@ impl Console<'_> {
     /// Prints a remark and asks whether to go on. `None` if standard error or standard input is no terminal.
     pub fn confirm(&mut self, text: &str) -> Option<bool> {
         let is_terminal = self.err_is_terminal && io::stdin().is_terminal();
-        ask(&mut io::stdin().lock(), self.err, is_terminal, text)
+        ask(&mut io::stdin().lock(), &mut self.err, is_terminal, text)
     }
 
     /// A progress bar of `length`, counted in `unit`. It is hidden if standard error is no terminal.
@@ -165,8 +195,9 @@ fn ask(input: &mut dyn BufRead, output: &mut dyn Write, is_terminal: bool, text:
         return None;
     }
     write!(output, "{text}\nGo on? [y/N] ").and_then(|()| output.flush()).ok()?;
-    let mut answer = String::new();
-    input.read_line(&mut answer).ok()?;
+    let mut answer = Vec::new();
+    next_line(input, &mut answer, MAX_TYPED_BYTES).ok()?;
+    let answer = String::from_utf8_lossy(&answer);
     Some(matches!(answer.trim().to_lowercase().as_str(), "y" | "yes"))
 }
 
@@ -215,69 +246,19 @@ impl Drop for Progress {
 /// # Errors
 /// When the value has no JSON form.
 pub fn json(value: &impl serde::Serialize) -> miette::Result<String> {
-    pulsetrain_report::json(value).map_err(|error| miette::miette!("cannot write JSON: {error}"))
-}
-
-/// Reads a file.
-///
-/// # Errors
-/// When it cannot be read.
-pub fn read(path: &Path) -> Result<Vec<u8>, Access> {
-    std::fs::read(path).map_err(|error| access("read", path, error))
-}
-
-/// Writes a file, making the directories above it.
-///
-/// # Errors
-/// When it cannot be written.
-pub fn write(path: &Path, contents: &[u8]) -> Result<(), Access> {
-    make_folder_of(path).and_then(|()| std::fs::write(path, contents)).map_err(|error| access("write", path, error))
-}
-
-/// Makes the folders above a file.
-fn make_folder_of(path: &Path) -> io::Result<()> {
-    let parent = path.parent().filter(|parent| !parent.as_os_str().is_empty());
-    parent.map_or(Ok(()), std::fs::create_dir_all).map_err(|error| match error.kind() {
-        // Something is there that is no folder.
-        io::ErrorKind::AlreadyExists => io::ErrorKind::NotADirectory.into(),
-        _ => error,
-    })
-}
-
-/// Opens a file for writing, making the directories above it.
-///
-/// # Errors
-/// When it cannot be made.
-pub fn create(path: &Path) -> Result<io::BufWriter<std::fs::File>, Access> {
-    open(path).map_err(|error| access("write", path, error))
-}
-
-/// As [`create`], with the system's error.
-pub(crate) fn open(path: &Path) -> io::Result<io::BufWriter<std::fs::File>> {
-    make_folder_of(path).and_then(|()| std::fs::File::create(path)).map(io::BufWriter::new)
+    let json = pulsetrain_report::json(value).map_err(|error| miette::miette!("cannot write JSON: {error}"))?;
+    Ok(escaped_json(&json))
 }
 
 /// An [`Access`] error of a file.
 #[must_use]
 pub fn access(action: &'static str, path: &Path, error: io::Error) -> Access {
-    Access { action, what: path.display().to_string(), error }
+    Access { action, what: path.display().to_string(), option: None, error }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn a_folder_that_is_a_file_is_told_as_one() {
-        let file = std::env::current_exe().unwrap();
-        let said =
-            |path: &Path| [create(path).unwrap_err(), write(path, b"text").unwrap_err()].map(|error| error.to_string());
-        for path in [file.join("trace.vcd"), file.join("out/trace.vcd")] {
-            let [created, written] = said(&path);
-            assert!(created.ends_with("trace.vcd: a part of its path is a file, not a folder"), "{created}");
-            assert_eq!(written, created);
-        }
-    }
 
     #[test]
     fn a_terminal_is_asked_and_nobody_else() {

@@ -11,6 +11,8 @@ use std::thread::JoinHandle;
 use pulsetrain_motion::program::Program;
 use serde::{Deserialize, Serialize};
 
+use crate::files::inputs::of_system;
+use crate::files::outputs;
 use pulsetrain_report::positions;
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -79,7 +81,7 @@ pub(crate) fn forget(port: &str) {
 /// Keeps the positions of a program's motors, by the board's counts at its clock `clock`. If they cannot be written, `goto` asks its user.
 pub(crate) fn keep(port: &str, program: &Program, counts: &[i64], clock: u64) {
     if let (Some(file), Some(text)) = (file(port), written(program, counts, clock)) {
-        drop(std::fs::write(file, text));
+        drop(outputs::replace_own(&file, &text));
     }
 }
 
@@ -108,7 +110,7 @@ impl LastPositions {
 /// The positions of a program's motors, steps, if the board at the port still has the counts for which they were kept, at its clock
 /// `clock`.
 pub(crate) fn recall(port: &str, program: &Program, counts: &[i64], clock: u64) -> Option<Vec<f64>> {
-    read(&std::fs::read_to_string(file(port)?).ok()?, program, counts, clock)
+    read(&of_system(&file(port)?), program, counts, clock)
 }
 
 /// As [`recall`], from what was [written].
@@ -164,7 +166,7 @@ impl Keeper {
             self.writer = Some(std::thread::spawn(move || {
                 for text in to_write {
                     // If they cannot be written, the next run asks its user.
-                    files.iter().flatten().for_each(|file| drop(replace(file, &text)));
+                    files.iter().flatten().for_each(|file| drop(outputs::replace_own(file, &text)));
                 }
             }));
         }
@@ -186,17 +188,9 @@ impl Keeper {
         let kept: Vec<LastPositions> = [file(&self.port), state_file(&self.port)]
             .into_iter()
             .flatten()
-            .filter_map(|file| serde_json::from_str(&std::fs::read_to_string(file).ok()?).ok())
+            .filter_map(|file| serde_json::from_str(&of_system(&file)).ok())
             .collect();
         let kept = kept.into_iter().next().filter(|kept| kept.rests && kept.is_of(program))?;
         Some(kept.motors.iter().map(|motor| motor.steps).collect())
     }
-}
-
-/// Writes a file whole, or not at all: the power may fail.
-fn replace(file: &Path, text: &str) -> std::io::Result<()> {
-    file.parent().map_or(Ok(()), std::fs::create_dir_all)?;
-    let aside = file.with_extension("new");
-    std::fs::write(&aside, text)?;
-    std::fs::rename(&aside, file)
 }

@@ -48,7 +48,9 @@
 //!
 //! # What is here, top down
 //! - [`cli`]: the command line, and [`cli::run`], which runs a command in-process; `commands`: one file for each command
+//! - [`clean`]: text for terminals, without orders for them
 //! - [`console`]: where a command prints, its progress, its exit code; [`diagnostic`]: errors with their advice; `interrupt`: Ctrl-C
+//! - [`files`]: files that a command reads and writes: with bounds, and without loss
 //! - [`load`]: motion files from the disk; [`consent`]: whether a long motion is meant
 //! - [`schema`]: JSON Schemas of what is printed
 //! - [`midi`]: MIDI for a live motion
@@ -68,6 +70,7 @@
 #![forbid(unsafe_code)]
 
 mod arguments;
+pub mod clean;
 pub mod cli;
 mod clock;
 mod commands;
@@ -75,6 +78,7 @@ pub mod consent;
 pub mod console;
 pub mod control_socket;
 pub mod diagnostic;
+pub mod files;
 mod film;
 mod interrupt;
 mod last_positions;

@@ -10,6 +10,7 @@ use pulsetrain_motion::program::Wheel;
 use pulsetrain_session::prepare::Prepared;
 
 use crate::diagnostic::{WrongFile, advised};
+use crate::files::inputs;
 
 /// Reads a motion file, and puts it on `board` if that is given. Endless laws stay endless.
 ///
@@ -42,7 +43,7 @@ const EXAMPLES: &str = "examples";
 /// When the file is wrong, or is not there.
 pub fn contents(path: &Path) -> miette::Result<Contents> {
     let path = found(path);
-    file::load_contents(&path).map_err(|error| match example(&path) {
+    file::load_contents_by(&path, &inputs::text).map_err(|error| match example(&path) {
         Some(example) => {
             let help = format!("did you mean {}?", example.display());
             miette!(help = help, "{error}")

@@ -409,7 +409,8 @@ mod pty {
             name.push(format!(".{}", std::process::id()));
             let (aside, fresh) = (PathBuf::from(name), PtyEnd::new()?);
             symlink(&fresh.name, &aside)?;
-            std::fs::rename(&aside, &self.link).inspect_err(|_| drop(std::fs::remove_file(&aside)))?;
+            crate::files::outputs::rename_own(&aside, &self.link)
+                .inspect_err(|_| drop(std::fs::remove_file(&aside)))?;
             self.served = Some(std::mem::replace(&mut self.free, fresh));
             Ok(())
         }

@@ -111,13 +111,27 @@ pub fn write(trace: &StepTrace, out: impl Write) -> io::Result<()> {
     writer.finish().map(drop)
 }
 
-/// A name as a CSV field.
+/// A name as a CSV field. One that a spreadsheet would take for a formula gets an apostrophe before it, as spreadsheets mark text.
 fn quoted(name: &str) -> String {
-    if name.contains([',', '"', '\n', '\r', '#']) || name.trim() != name {
+    if is_formula(name) {
+        format!("\"'{}\"", name.replace('"', "\"\""))
+    } else if name.contains([',', ';', '"', '\n', '\r', '\t', '#']) || name.trim() != name {
         format!("\"{}\"", name.replace('"', "\"\""))
     } else {
         name.to_owned()
     }
+}
+
+/// Whether a spreadsheet would work a text out, or would if an apostrophe before it were gone. Source: OWASP, "CSV Injection".
+fn is_formula(name: &str) -> bool {
+    // Of full width, as some keyboards have them, too.
+    name.trim_start_matches('\'').trim_start().starts_with(['=', '+', '-', '@', '＝', '＋', '－', '＠'])
+        || name.trim_start_matches('\'').starts_with(['\t', '\r', '\n'])
+}
+
+/// The name that [`quoted`] wrote.
+fn unquoted(field: &str) -> &str {
+    field.strip_prefix('\'').filter(|name| is_formula(name)).unwrap_or(field)
 }
 
 /// Reads steps.csv.
@@ -150,7 +164,7 @@ pub fn read(bytes: &[u8]) -> Result<StepTrace, ReadError> {
     let mut trace = StepTrace::default();
     let mut last: Vec<(u64, i64)> = Vec::new();
     while let Some(row) = table.next()? {
-        let motor_name = row.text(name)?;
+        let motor_name = unquoted(row.text(name)?);
         let motor = match trace.motors.iter().position(|known| known == motor_name) {
             Some(motor) => motor,
             None if motor_name.is_empty() => return Err(row.error(name, "a motor's name")),
@@ -319,7 +333,7 @@ mod tests {
         #[test]
         fn what_is_written_is_read(
             tick_hz in 1u64..1_000_000_000_000,
-            names in proptest::collection::hash_set("[a-z,\" #]{0,6}x", 1..4),
+            names in proptest::collection::hash_set("[a-z,;\" #'=+@\t-]{0,6}x", 1..4),
             moves in proptest::collection::vec((0u8..4, any::<u32>(), any::<bool>()), 0..50),
         ) {
             let names: Vec<String> = names.into_iter().map(|n| n.trim().to_owned()).collect();

@@ -129,6 +129,14 @@ impl<W: Write> EdgeWriter<W> {
         self.out.change_scalar(*id, edge.level)
     }
 
+    /// Hands all edges until now on to the file.
+    ///
+    /// # Errors
+    /// Errors of `out`.
+    pub fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
+
     /// Flushes the file.
     ///
     /// # Errors

@@ -15,6 +15,15 @@ pub const QUEUE_BYTES: usize = 376;
 /// Bytes that a motor's queue has in addition if no other motor needs the second ring's memory.
 pub const RING_BYTES: usize = 256;
 
+/// STEP pins whose edges the compare hardware makes, bit by pin.
+pub const COMPARE_STEP_PINS: u16 = 0x0600;
+/// STEP and DIR pins of one port, PORTD, bit by pin.
+pub const PORT_D_PINS: u16 = 0x00fc;
+/// The same of PORTB.
+pub const PORT_B_PINS: u16 = 0x3f00;
+/// STEP and DIR of the only motor that may be on PORTB when others are on PORTD: the fourth of a CNC shield. They belong together.
+pub const SHIELD_MOTOR: (u8, u8) = (12, 13);
+
 /// Latency of an edge that an interrupt makes, at most, ticks.
 pub const LATENCY: u8 = 24;
 /// The same where the merge moves it too, or another ring's interrupt may come first.

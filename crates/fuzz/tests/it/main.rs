@@ -1,4 +1,5 @@
 //! Runs each fuzz target on its seeds and on damaged copies of them, as a plain test.
+#![allow(clippy::disallowed_methods, reason = "tests open their own files")]
 
 use pulsetrain_fuzz::TARGETS;
 use pulsetrain_testkit::Random;

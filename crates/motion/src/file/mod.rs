@@ -59,7 +59,9 @@ pub use problem::{BrokenPath, FileError, PathPoint, Problem};
 pub use sheet::{ParameterValue, Sheet, SheetParameter, UnknownParameter};
 pub use source::Source;
 pub use table_columns::{ColumnDistance, ColumnUse, Smoothing, TableColumns};
-pub use text::{MOST_OF_A_MOTION_FILE, csv_text, decoded};
+pub use text::{
+    MOST_OF_A_MOTION_FILE, MOST_OF_A_NAMED_FILE, csv_text, decoded, open_named, read_named, read_named_text,
+};
 pub use winch::WinchScript;
 
 use crate::boards::{self, BoardProfile};
@@ -109,27 +111,30 @@ pub fn load(path: &Path) -> Result<Program, FileError> {
 /// # Errors
 /// As [`load`].
 pub fn load_contents(path: &Path) -> Result<Contents, FileError> {
-    let (name, text) = open(path)?;
-    let folder = path.parent().unwrap_or(Path::new(""));
-    read_contents(&text, &name, &|named| text::read(&folder.join(named), text::MOST_OF_A_NAMED_FILE))
+    load_contents_by(path, &read_named_text)
 }
 
-/// The text of a file that a motion file names.
+/// Gives the text of the file at a path, of so many bytes at most: [`read_named_text`], or what also notes the path.
+pub type ReadText<'a> = &'a dyn Fn(&Path, u64) -> io::Result<String>;
+
+/// Reads a motion file as [`load_contents`] does; `read` gives the text of it and of the files that it names.
 ///
 /// # Errors
-/// The system's own; and in words if it is no file, too large, or no text.
-pub fn named_text(path: &Path) -> io::Result<String> {
-    text::read(path, text::MOST_OF_A_NAMED_FILE)
+/// As [`load`].
+pub fn load_contents_by(path: &Path, read: ReadText<'_>) -> Result<Contents, FileError> {
+    let (name, text) = open(path, read)?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    read_contents(&text, &name, &|named| read(&folder.join(named), MOST_OF_A_NAMED_FILE))
 }
 
-/// Reads a motion file for the command lines of its winch, to send them to a board as text.
+/// Reads a motion file for the command lines of its winch, to send them to a board as text; `read` gives the text of it and of the files that it names.
 ///
 /// # Errors
 /// [`FileError`] with every problem found; also when the file has other motions, which a line of text cannot say.
-pub fn load_winch(path: &Path) -> Result<WinchScript, FileError> {
-    let (name, text) = open(path)?;
+pub fn load_winch(path: &Path, read: ReadText<'_>) -> Result<WinchScript, FileError> {
+    let (name, text) = open(path, read)?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    let load = |named: &Path| text::read(&folder.join(named), text::MOST_OF_A_NAMED_FILE);
+    let load = |named: &Path| read(&folder.join(named), MOST_OF_A_NAMED_FILE);
     let sheet = Sheet::parse(&text, &name)?;
     read_with(sheet.source(), sheet.table(), |root| {
         program(root, sheet.table(), &load, boards::BUILT_IN)?;
@@ -141,9 +146,9 @@ pub fn load_winch(path: &Path) -> Result<WinchScript, FileError> {
 const NEW: &str = "`pulsetrain new NAME` writes a motion file to begin with";
 
 /// The name of a file, and its text.
-fn open(path: &Path) -> Result<(String, String), FileError> {
+fn open(path: &Path, read: ReadText<'_>) -> Result<(String, String), FileError> {
     let name = path.display().to_string();
-    let text = text::read(path, text::MOST_OF_A_MOTION_FILE).map_err(|error| {
+    let text = read(path, MOST_OF_A_MOTION_FILE).map_err(|error| {
         let source = Arc::new(Source::new(&name, ""));
         let help = match error.kind() {
             io::ErrorKind::NotFound => Some(NEW.to_owned()),
@@ -209,7 +214,8 @@ fn contents_of(root: &Section, table: &Table, load: Loader, boards: &[&'static B
 fn read_with<T>(source: &Arc<Source>, table: &Table, what: impl Fn(&Section) -> Read<T>) -> Result<T, FileError> {
     let reader = Reader::new(Arc::clone(source));
     let found = what(&Section::root(&reader, table));
-    match (found, FileError::of(reader.into_problems())) {
+    let (problems, others) = reader.into_problems();
+    match (found, FileError::of(problems, others)) {
         (Ok(found), None) => Ok(found),
         (_, Some(error)) => Err(error),
         // `Noted` is made by noting alone, so this cannot be; but a wrong file must never pass.

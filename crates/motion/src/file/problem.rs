@@ -8,10 +8,12 @@ use super::source::Source;
 
 /// Everything that is wrong with a motion file; at least one [`Problem`].
 ///
-/// As an error it is the first problem; [`problems`](FileError::problems) has them all, [`first`](FileError::first) those that people read.
+/// As an error it is the first problem; [`problems`](FileError::problems) has those that are kept, [`first`](FileError::first) those that people read.
 #[derive(Clone, Debug)]
 pub struct FileError {
     problems: Vec<Problem>,
+    /// How many were found beyond them.
+    others: usize,
 }
 
 /// One thing that is wrong: what, where, and what to do.
@@ -53,21 +55,23 @@ pub struct PathPoint {
     pub value: Option<f64>,
 }
 
-/// Problems that are shown: what is wrong with the file as a whole, and five more.
-const MOST_SHOWN: usize = 6;
+/// Problems that are shown: what people read.
+const MOST_SHOWN: usize = 10;
+/// Problems that are kept. Those beyond are counted.
+pub(super) const MAX_PROBLEMS: usize = 100;
 
 impl FileError {
     /// `None` if there is no problem.
-    pub(super) fn of(problems: Vec<Problem>) -> Option<FileError> {
-        (!problems.is_empty()).then_some(FileError { problems })
+    pub(super) fn of(problems: Vec<Problem>, others: usize) -> Option<FileError> {
+        (!problems.is_empty()).then_some(FileError { problems, others })
     }
 
     /// A problem with the file as a whole.
     pub(super) fn whole(source: &Arc<Source>, message: String, help: Option<String>) -> FileError {
-        FileError { problems: vec![Problem::new(source, message, Vec::new(), help)] }
+        FileError { problems: vec![Problem::new(source, message, Vec::new(), help)], others: 0 }
     }
 
-    /// The problems, in the order in which they were found.
+    /// The first problems, in the order in which they were found: at most 100.
     #[must_use]
     pub fn problems(&self) -> &[Problem] {
         &self.problems
@@ -82,7 +86,7 @@ impl FileError {
     /// How many there are beyond the [`first`](FileError::first), in words.
     #[must_use]
     pub fn more(&self) -> Option<String> {
-        let more = self.problems.len().saturating_sub(MOST_SHOWN);
+        let more = self.problems.len().saturating_sub(MOST_SHOWN) + self.others;
         (more > 0).then(|| format!("and {more} more"))
     }
 

@@ -2,13 +2,13 @@
 //!
 //! Problems are collected, not thrown, so that one run of the reader finds several.
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::ops::{Range, RangeInclusive};
 use std::sync::Arc;
 
 use toml_edit::{ArrayOfTables, Item, TableLike, Value};
 
-use super::problem::{BrokenPath, Problem};
+use super::problem::{BrokenPath, MAX_PROBLEMS, Problem};
 use super::source::Source;
 use super::table_columns::TableColumns;
 use super::winches::Winches;
@@ -48,6 +48,8 @@ impl PhaseShift {
 pub(super) struct Reader {
     pub(super) source: Arc<Source>,
     problems: RefCell<Vec<Problem>>,
+    /// How many there are beyond those that are kept.
+    others: Cell<usize>,
     /// Found motor by motor, judged when all are read.
     pub(super) winches: RefCell<Winches>,
     /// How tables were read.
@@ -56,7 +58,13 @@ pub(super) struct Reader {
 
 impl Reader {
     pub(super) fn new(source: Arc<Source>) -> Reader {
-        Reader { source, problems: RefCell::default(), winches: RefCell::default(), tables: RefCell::default() }
+        Reader {
+            source,
+            problems: RefCell::default(),
+            others: Cell::default(),
+            winches: RefCell::default(),
+            tables: RefCell::default(),
+        }
     }
 
     /// Notes a problem with one place.
@@ -84,10 +92,22 @@ impl Reader {
     /// Notes a problem, which may lie in another file. What several motors share is read for each: once is enough.
     pub(super) fn note_problem(&self, problem: Problem) -> Noted {
         let mut problems = self.problems.borrow_mut();
-        if !problems.iter().any(|known| known.repeats(&problem)) {
+        if problems.len() == MAX_PROBLEMS {
+            self.count(1);
+        } else if !problems.iter().any(|known| known.repeats(&problem)) {
             problems.push(problem);
         }
         Noted
+    }
+
+    /// Whether as many problems are known as are kept.
+    fn is_full(&self) -> bool {
+        self.problems() >= MAX_PROBLEMS
+    }
+
+    /// Counts problems that are not kept.
+    fn count(&self, more: usize) {
+        self.others.set(self.others.get() + more);
     }
 
     /// Notes how a table was read. What several motors share is read for each: once is enough.
@@ -115,8 +135,9 @@ impl Reader {
         }
     }
 
-    pub(super) fn into_problems(self) -> Vec<Problem> {
-        self.problems.into_inner()
+    /// The problems, and how many there are beyond them.
+    pub(super) fn into_problems(self) -> (Vec<Problem>, usize) {
+        (self.problems.into_inner(), self.others.get())
     }
 }
 
@@ -168,7 +189,13 @@ impl<'a> Section<'a> {
 
     /// Notes every key that is not among the `known`.
     pub(super) fn check_keys(&self, known: &[&str]) {
-        for node in self.nodes().iter().filter(|node| !known.contains(&node.key)) {
+        for (key, _) in self.table.iter().filter(|(key, item)| !item.is_none() && !known.contains(key)) {
+            // The names that are near are looked for as long as somebody reads them.
+            if self.reader.is_full() {
+                self.reader.count(1);
+                continue;
+            }
+            let Some(node) = self.get(key) else { continue };
             let help = match nearest(node.key, known.iter().copied()) {
                 Some(near) => {
                     self.misspelt.borrow_mut().push(near.to_owned());

@@ -4,6 +4,7 @@
 //! at its key.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 use std::io;
 use std::ops::Range;
 use std::path::Path;
@@ -112,12 +113,12 @@ pub struct UnknownParameter {
 const TEXTS: [&str; 5] = ["theta", "unit", "file", "axis", "commands"];
 
 impl Sheet {
-    /// Parses a motion file.
+    /// Parses a motion file, whose text `read` gives.
     ///
     /// # Errors
     /// [`FileError`] if it cannot be read, or is no TOML.
-    pub fn open(path: &Path) -> Result<Sheet, FileError> {
-        let (name, text) = super::open(path)?;
+    pub fn open(path: &Path, read: super::ReadText<'_>) -> Result<Sheet, FileError> {
+        let (name, text) = super::open(path, read)?;
         Sheet::parse(&text, &name)
     }
 
@@ -231,12 +232,15 @@ pub(super) fn parameters(root: &Table) -> Vec<SheetParameter> {
         }
     }
     let names: Vec<String> = found.iter().map(|(owner, key, ..)| format!("{owner}.{key}")).collect();
-    let numbered = found.into_iter().enumerate().map(|(index, (_, _, value, place))| {
-        let same = |name: &&String| **name == names[index];
-        let name = match names.iter().filter(same).count() {
-            1 => names[index].clone(),
-            _ => format!("{}.{}", names[index], names[..index].iter().filter(same).count() + 1),
-        };
+    // How many there are of a name, and how many were numbered.
+    let mut counts: BTreeMap<&str, (usize, usize)> = BTreeMap::new();
+    for name in &names {
+        counts.entry(name).or_default().0 += 1;
+    }
+    let numbered = found.into_iter().zip(&names).map(|((_, _, value, place), name)| {
+        let (count, before) = counts.entry(name).or_default();
+        *before += 1;
+        let name = if *count == 1 { name.clone() } else { format!("{name}.{before}") };
         SheetParameter { name, value, place }
     });
     numbered.collect()

@@ -11,7 +11,7 @@ use crate::human;
 /// The largest motion file, bytes.
 pub const MOST_OF_A_MOTION_FILE: u64 = 16_000_000;
 /// The largest file that a motion file names, bytes.
-pub(super) const MOST_OF_A_NAMED_FILE: u64 = 64_000_000;
+pub const MOST_OF_A_NAMED_FILE: u64 = 64_000_000;
 
 /// Why a file cannot be read, in words, without the system's number.
 pub(super) fn why(error: &io::Error) -> String {
@@ -25,29 +25,53 @@ pub(super) fn why(error: &io::Error) -> String {
 /// Reads a file of `most` bytes at most: UTF-8, UTF-16 with a byte order mark, or else Windows-1252.
 ///
 /// # Errors
-/// The system's own; and in words what is no file, is larger, or is no text.
-pub(super) fn read(path: &Path, most: u64) -> io::Result<String> {
-    // Before it is opened: a pipe that nobody writes to would never open.
-    let about = fs::metadata(path)?;
-    if about.is_dir() {
-        return Err(io::Error::new(ErrorKind::IsADirectory, "this is a folder, not a file"));
-    }
-    if !about.is_file() {
-        return Err(io::Error::other("this is a device or a pipe, not a file: save what it gives, and name that file"));
-    }
-    let too_large = |bytes: u64| {
-        let [is, most] = [bytes, most].map(|bytes| human::bytes(bytes as f64));
-        io::Error::new(ErrorKind::FileTooLarge, format!("it has {is}; {most} is the most that is read"))
-    };
-    if about.len() > most {
-        return Err(too_large(about.len()));
-    }
-    let mut bytes = Vec::with_capacity(about.len() as usize + 1);
-    File::open(path)?.take(most + 1).read_to_end(&mut bytes)?;
+/// As [`open_named`]; and in words if it is no text.
+pub fn read_named_text(path: &Path, most: u64) -> io::Result<String> {
+    decoded(read_named(path, most)?).map_err(|why| io::Error::new(ErrorKind::InvalidData, why))
+}
+
+/// Reads the bytes of a file of `most` bytes at most.
+///
+/// # Errors
+/// As [`open_named`].
+pub fn read_named(path: &Path, most: u64) -> io::Result<Vec<u8>> {
+    let (file, length) = open_named(path, most)?;
+    let mut bytes = Vec::with_capacity(length as usize + 1);
+    // It may have become longer since.
+    file.take(most + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > most {
-        return Err(too_large(bytes.len() as u64));
+        return Err(too_large(bytes.len() as u64, most));
     }
-    decoded(bytes).map_err(|why| io::Error::new(ErrorKind::InvalidData, why))
+    Ok(bytes)
+}
+
+/// Opens a file that a user names, and gives its length. All files that are named on the command line or in a motion file are opened here: what is
+/// no file never opens, or never ends.
+///
+/// # Errors
+/// The system's own; and in words what is no file, or has more than `most` bytes.
+#[expect(clippy::disallowed_methods, reason = "the one place that opens a named file")]
+pub fn open_named(path: &Path, most: u64) -> io::Result<(File, u64)> {
+    let checked = |about: &fs::Metadata| {
+        if about.is_dir() {
+            return Err(io::Error::new(ErrorKind::IsADirectory, "this is a folder, not a file"));
+        }
+        if !about.is_file() {
+            let why = "this is a device or a pipe, not a file: save what it gives, and name that file";
+            return Err(io::Error::other(why));
+        }
+        if about.len() > most { Err(too_large(about.len(), most)) } else { Ok(about.len()) }
+    };
+    // Before it is opened: a pipe that nobody writes to would never open.
+    checked(&fs::metadata(path)?)?;
+    let file = File::open(path)?;
+    let length = checked(&file.metadata()?)?;
+    Ok((file, length))
+}
+
+fn too_large(bytes: u64, most: u64) -> io::Error {
+    let [is, most] = [bytes, most].map(|bytes| human::bytes(bytes as f64));
+    io::Error::new(ErrorKind::FileTooLarge, format!("it has {is}; {most} is the most that is read"))
 }
 
 /// The text of bytes: UTF-8, with or without its byte order mark; UTF-16 with one; else Windows-1252, if it has no bytes that text has not.

@@ -1,9 +1,10 @@
 //! `pulsetrain bake`: writes a motion that a board plays without a computer.
 
 use crate::arguments;
+use crate::files::outputs::{self, Destination};
 use clap::Args;
 use pulsetrain_motion::Time;
-use std::fs;
+use pulsetrain_motion::file::read_named;
 use std::path::Path;
 use std::path::PathBuf;
 
@@ -14,7 +15,7 @@ use serde::Serialize;
 
 use super::rehearsal::Rehearsal;
 use crate::consent::{self, Consent};
-use crate::console::{self, Console, Exit};
+use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
 use crate::load;
 use pulsetrain_bake::rehearsal;
@@ -125,6 +126,9 @@ pub(crate) fn run(args: &BakeArgs, console: &mut Console<'_>) -> miette::Result<
     if let Some(ppm) = args.clock_ppm {
         prepared.calibrate(ppm);
     }
+    if let Some(path) = &args.output {
+        outputs::claim(&Destination::new(path, "--output"))?;
+    }
     // For a board without a firmware the image or the sketch is refused, with the reason.
     let target = Target::of(&prepared.program).unwrap_or(Target::Avr);
     if !target.is_rehearsed() && args.rehearse.is_some() {
@@ -155,7 +159,7 @@ fn sketch(args: &BakeArgs, prepared: &Prepared, folder: &Path, console: &mut Con
     let sketch = Sketch::new(&prepared.program, &title).map_err(|error| problem(prepared, error))?;
     let path = folder.join(format!("{name}.ino"));
     check_own(&path)?;
-    console::write(&path, sketch.text.as_bytes())?;
+    outputs::write(&path, "--sketch", sketch.text.as_bytes())?;
     let Size { rows, bytes: table_bytes, endless, put_off } = sketch.size;
     let PutOff { steps: steps_put_off, longest_ticks: longest_put_off_ticks } = put_off;
     let file = path.display().to_string();
@@ -177,7 +181,7 @@ fn pico(args: &BakeArgs, prepared: &Prepared, path: &Path, console: &mut Console
     let (file, flash_bytes, rehearsed) = (path.display().to_string(), flash.len(), None);
     let baked =
         BakedImage { file, items, motion_bytes, flash_bytes, endless, steps_put_off, longest_put_off_ticks, rehearsed };
-    console::write(path, &image.uf2())?;
+    outputs::write(path, "--output", &image.uf2())?;
     baked.say(args, prepared, PicoImage::FLASH_BYTES, ("Pico", "pulsetrain flash pico"), console)
 }
 
@@ -190,7 +194,7 @@ fn uno(args: &BakeArgs, prepared: &Prepared, path: &Path, console: &mut Console<
     let (file, flash_bytes) = (path.display().to_string(), flash.len());
     let baked =
         BakedImage { file, items, motion_bytes, flash_bytes, endless, steps_put_off, longest_put_off_ticks, rehearsed };
-    console::write(path, image.hex().as_bytes())?;
+    outputs::write(path, "--output", image.hex().as_bytes())?;
     baked.say(args, prepared, Image::FLASH_BYTES, ("Uno", "pulsetrain flash uno --port PORT"), console)
 }
 
@@ -265,7 +269,12 @@ fn check_ending(path: &Path, ending: &str, what: &str) -> miette::Result<()> {
 
 /// Refuses to write over a sketch that somebody wrote. A sketch of this program carries its mark.
 fn check_own(path: &Path) -> miette::Result<()> {
-    let Ok(text) = fs::read(path) else { return Ok(()) };
+    if !path.exists() {
+        return Ok(());
+    }
+    // What is too large to be one is none.
+    const MAX_SKETCH_BYTES: u64 = 10_000_000;
+    let text = read_named(path, MAX_SKETCH_BYTES).unwrap_or_default();
     if String::from_utf8_lossy(&text).lines().take(2).any(|line| line.contains(sketch::MADE)) {
         return Ok(());
     }
@@ -330,7 +339,7 @@ mod tests {
         };
         let file = folder.join("pair.toml");
         let text = format!("board = \"uno\"\ntolerance = \"1 us\"\n{}{}", motor(2, 5), motor(3, 6));
-        console::write(&file, text.as_bytes()).unwrap();
+        std::fs::write(&file, text.as_bytes()).unwrap();
         let mut prepared = load::endless(&file, None).unwrap();
         prepared.program.board.min_interval_ticks = vec![60; 4];
         prepared
@@ -358,8 +367,7 @@ mod tests {
             };
             let bake = |args: &BakeArgs, prepared: &Prepared| {
                 let (mut out, mut err) = (Vec::new(), Vec::new());
-                let done =
-                    uno(args, prepared, &path, &mut Console { out: &mut out, err: &mut err, err_is_terminal: false });
+                let done = uno(args, prepared, &path, &mut Console::new(&mut out, &mut err, false));
                 done.map(|_| String::from_utf8(out).unwrap())
             };
             let fast = prepared(130_000.0, &folder);

@@ -1,6 +1,7 @@
 //! `pulsetrain board`: a virtual board in real time.
 
 use crate::arguments;
+use crate::files::{inputs, outputs};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use std::io::ErrorKind;
@@ -21,7 +22,7 @@ use pulsetrain_motion::Time;
 
 use super::flash::named;
 use super::problems::virtual_board;
-use crate::console::{self, Console, Exit};
+use crate::console::{Console, Exit};
 use crate::interrupt;
 use crate::serve::{self, Client, Nobody, Service, Socket};
 use pulsetrain_motion::human;
@@ -179,7 +180,7 @@ fn programmed(kind: BoardKind, file: &Path) -> miette::Result<Box<dyn VirtualBoa
                 "it takes what `cargo xtask uf2` and `pulsetrain bake` write for {}: docs/pico.md",
                 kind.profile().title_with_article
             );
-            (console::read(file)?, help)
+            (inputs::bytes(file, inputs::MAX_IMAGE_BYTES)?, help)
         }
         Flashing::Stk500 => {
             let help = format!(
@@ -200,7 +201,7 @@ fn programmed(kind: BoardKind, file: &Path) -> miette::Result<Box<dyn VirtualBoa
 
 /// Reads the contents of a board's flash from a file.
 fn read_hex(kind: BoardKind, file: &Path, help: &str) -> miette::Result<Vec<u8>> {
-    let text = String::from_utf8_lossy(&console::read(file)?).into_owned();
+    let text = String::from_utf8_lossy(&inputs::bytes(file, inputs::MAX_IMAGE_BYTES)?).into_owned();
     let DeviceProfile { chip, title_with_article, .. } = kind.profile();
     hex::parse(&text, stk500::FLASH_BYTES).map_err(|error| match error {
         HexError::Beyond { .. } => {
@@ -234,7 +235,7 @@ fn serve_board<B: VirtualBoard, C: Client>(
     if args.bridge.is_some_and(|bridge| !board.set_bridge(bridge)) {
         return Err(miette!(help = "leave --bridge out", "the {name} has USB of its own: there is no chip between"));
     }
-    let trace = args.trace.as_deref().map(console::create).transpose()?;
+    let trace = args.trace.as_deref().map(|path| outputs::create_log(path, "--trace")).transpose()?;
     let broken = |error: std::io::Error| miette!("the virtual {name} cannot go on: {error}");
     let mut service = Service::new(Skewed::new(board, args.clock_ppm), client, trace).map_err(broken)?;
     console.print(format_args!("a virtual {name} is {place}; Ctrl-C ends it\n"))?;

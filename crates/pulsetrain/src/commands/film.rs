@@ -13,7 +13,9 @@ use pulsetrain_trace::camera::{AngleUnit, Frame, Track};
 use pulsetrain_trace::verdict::{self, FilmReport, JudgeError, Options};
 
 use crate::arguments::{self, Alignment};
+use crate::console::Access;
 use crate::console::{self, Console, Exit};
+use crate::files::{inputs, outputs};
 use crate::film::{self, Settings, Tracked};
 use crate::load;
 
@@ -158,10 +160,12 @@ pub(crate) fn run(args: &FilmArgs, console: &mut Console<'_>) -> miette::Result<
         return Err(miette!("--corner is there four times, or not at all"));
     }
     // A clip that is not there needs no Python to say so.
-    std::fs::File::open(&args.video).map_err(|error| console::access("read", &args.video, error))?;
+    drop(inputs::open(&args.video, u64::MAX - 1)?);
     let stem = args.video.file_stem().map_or_else(|| "film".into(), |stem| stem.to_string_lossy().into_owned());
     let folder = args.out.clone().unwrap_or_else(|| Path::new("out").join(stem));
-    std::fs::create_dir_all(&folder).map_err(|error| console::access("write", &folder, error))?;
+    std::fs::create_dir_all(&folder).map_err(|error| Access::write(&folder, "--out", error))?;
+    outputs::claim_all(&folder, &["track.csv", "film.svg", "marks.png", "report.json"], "--out")?;
+    let marks = outputs::beside(&folder.join("marks.png"));
 
     let places = |places: &[Place]| places.iter().map(|place| place.0.clone()).collect();
     let settings = Settings {
@@ -174,10 +178,15 @@ pub(crate) fn run(args: &FilmArgs, console: &mut Console<'_>) -> miette::Result<
         marks: places(&args.mark),
         frame: args.frame,
         corners: places(&args.corner),
-        picture: Some(film::text(&folder.join("marks.png"))),
+        picture: Some(film::text(&marks)),
     };
-    let tracked = film::track(&settings, args.python.as_deref(), console)?;
-    console::write(&folder.join("track.csv"), track_csv(&tracked).as_bytes())?;
+    let tracked = film::track(&settings, args.python.as_deref(), console);
+    if marks.exists() {
+        let path = folder.join("marks.png");
+        outputs::take_place(&marks, &path).map_err(|error| Access::write(&path, "--out", error))?;
+    }
+    let tracked = tracked?;
+    outputs::write(&folder.join("track.csv"), "--out", track_csv(&tracked).as_bytes())?;
     let track = track_of(&tracked, 1.0);
     let options = Options { align: args.align.into(), until_s: args.until.map(Time::seconds), ..Options::default() };
     let judge = |track: &Track| verdict::judge_film(track, program, args.motor.as_deref(), wheel, &options);
@@ -189,9 +198,9 @@ pub(crate) fn run(args: &FilmArgs, console: &mut Console<'_>) -> miette::Result<
     };
     let picture = film_picture(&report, &args.video, &args.file);
     let svg = picture.svg().map_err(|error| miette!("cannot draw the film: {error}"))?;
-    console::write(&folder.join("film.svg"), svg.as_bytes())?;
+    outputs::write(&folder.join("film.svg"), "--out", svg.as_bytes())?;
     let both = serde_json::json!({ "film": &tracked, "verdict": &report });
-    console::write(&folder.join("report.json"), console::json(&both)?.as_bytes())?;
+    outputs::write(&folder.join("report.json"), "--out", console::json(&both)?.as_bytes())?;
 
     if args.json {
         console.print_json(&both)?;

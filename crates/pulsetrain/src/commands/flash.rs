@@ -1,6 +1,7 @@
 //! `pulsetrain flash`: writes the committed firmware, or another image, to a board.
 
 use crate::arguments;
+use crate::files::{inputs, outputs};
 use clap::Args;
 use pulsetrain_board::BoardKind;
 use pulsetrain_board::profiles::{Flashing, Role};
@@ -17,7 +18,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::problems::port_problem;
-use crate::console::{self, Console, Exit};
+use crate::console::{Console, Exit};
 use pulsetrain_motion::human;
 
 #[derive(Args, Debug)]
@@ -160,7 +161,8 @@ fn flash_image(board: BoardKind, file: Option<&Path>) -> miette::Result<Vec<u8>>
     if let Some(role) = named(board, file) {
         return Ok(board.image(role));
     }
-    let bytes = console::read(file).map_err(|error| miette!(help = known_images(board, file), "{error}"))?;
+    let bytes = inputs::bytes(file, inputs::MAX_IMAGE_BYTES)
+        .map_err(|error| miette!(help = known_images(board, file), "{error}"))?;
     hex::parse(&String::from_utf8_lossy(&bytes), stk500::FLASH_BYTES)
         .map_err(|error| miette!(help = known_images(board, file), "{}: {error}", file.display()))
 }
@@ -168,7 +170,7 @@ fn flash_image(board: BoardKind, file: Option<&Path>) -> miette::Result<Vec<u8>>
 /// The UF2 file of that name. Without a name it is the firmware.
 fn uf2_image(board: BoardKind, family: u32, file: Option<&Path>) -> miette::Result<Vec<u8>> {
     let Some(file) = file else { return Ok(board.image(Role::Plans)) };
-    let bytes = console::read(file)?;
+    let bytes = inputs::bytes(file, inputs::MAX_IMAGE_BYTES)?;
     let help = format!("{}'s image is a UF2 file for the {}", board.profile().title_with_article, board.profile().chip);
     image::uf2(&bytes, family).map_err(|error| miette!(help = help, "{}: {error}", file.display()))?;
     Ok(bytes)
@@ -286,13 +288,13 @@ const STARTS_WITHIN: Duration = Duration::from_secs(5);
 /// Whether a Pico's drive disappears within a time. Reading the file back shows nothing, since the computer has a copy
 /// in memory. Nor does a folder that the user mounted by hand, so the drive's device is checked, too.
 fn disappears(folder: &Path, within: Duration) -> bool {
-    let device = device_of(folder, &fs::read_to_string("/proc/mounts").unwrap_or_default());
+    let device = device_of(folder, &inputs::of_system(Path::new("/proc/mounts")));
     serial::happens(within, || !folder.join(INFO).exists() || device.as_ref().is_some_and(|device| !device.exists()))
 }
 
 /// Writes a file. An error comes with the number of bytes that were written before it.
 fn copy(path: &Path, bytes: &[u8], progress: impl Fn(usize)) -> Result<(), (usize, io::Error)> {
-    let mut file = fs::File::create(path).map_err(|error| (0, error))?;
+    let mut file = outputs::create_in_place(path).map_err(|error| (0, error))?;
     let mut done = 0;
     for piece in bytes.chunks(PIECE) {
         file.write_all(piece).map_err(|error| (done, error))?;
@@ -320,7 +322,8 @@ fn check(folder: &Path, board: BoardKind, drive: &str) -> miette::Result<()> {
     if !folder.is_dir() {
         return Err(miette!(help = hold, "{} is no folder: {its} is written to as a drive", folder.display()));
     }
-    let Ok(info) = fs::read_to_string(folder.join(INFO)) else {
+    const MAX_INFO_BYTES: u64 = 10_000;
+    let Ok(info) = inputs::text(&folder.join(INFO), MAX_INFO_BYTES) else {
         return Err(miette!(help = hold, "{} is no {title}'s drive: there is no {INFO} in it", folder.display()));
     };
     let id = info.lines().find_map(|line| line.trim().strip_prefix("Board-ID:")).map_or("", str::trim);
@@ -358,7 +361,7 @@ pub(crate) fn drives(board: BoardKind) -> Vec<PathBuf> {
     } else if cfg!(target_os = "macos") {
         fs::read_dir("/Volumes").map_or_else(|_| Vec::new(), |all| all.flatten().map(|entry| entry.path()).collect())
     } else {
-        mounted(&fs::read_to_string("/proc/mounts").unwrap_or_default())
+        mounted(&inputs::of_system(Path::new("/proc/mounts")))
     };
     folders.into_iter().filter(|folder| check(folder, board, drive).is_ok()).collect()
 }

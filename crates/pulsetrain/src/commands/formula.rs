@@ -1,5 +1,6 @@
 //! `pulsetrain formula`: what a formula comes to, without a motion file.
 
+use std::cell::Cell;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -11,12 +12,14 @@ use pulsetrain_motion::quantity::Quantity;
 use pulsetrain_motion::{Law, LawError, Time, file};
 use pulsetrain_plan::{Ensemble, Move, PlanError};
 use pulsetrain_session::drive::Driven;
+use pulsetrain_session::estimate::Task;
 use pulsetrain_session::prepare::{Prepared, Refusal};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::run;
 use crate::arguments;
+use crate::consent::{self, Consent};
 use crate::console::{Console, Exit};
 use crate::diagnostic::{WrongFile, advised};
 use pulsetrain_report::plan_report::{ParameterReport, Peak};
@@ -74,9 +77,11 @@ pub(crate) struct FormulaArgs {
 }
 
 /// Points of each piece of a law in which its extremes are looked for, at least and at most, and of all of them together.
-const POINTS: (usize, usize, usize) = (64, 2048, 4_000_000);
-/// Pieces of a law that are looked at, at most.
-const MOST_PIECES: usize = 1 << 20;
+const POINTS: (usize, usize, usize) = (16, 2048, 20_000_000);
+/// Windows of a formula that are cut, times its operations, at most: about a second.
+const MAX_WINDOW_WORK: usize = 1_000_000;
+/// Operations for the extremes of a formula, at most: about two seconds.
+const MAX_WORK: u64 = 100_000_000;
 /// Rows of the table, if no times are given.
 const ROWS: u64 = 21;
 
@@ -235,7 +240,11 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
             duration.seconds()
         ));
     }
-    let [position, speed, acceleration] = extremes(&law).map_err(broken)?;
+    let operations = theta.matches(|c: char| "+-*/^(".contains(c)).count() + 1;
+    let [position, speed, acceleration] = extremes(&law, operations).map_err(|error| match error {
+        NoExtremes::Law(error) => broken(error),
+        NoExtremes::TooMany(_) => miette!(help = "give a shorter --duration", "{error}"),
+    })?;
     let mut cursor = Cursor::new(&law);
     let mut points = Vec::new();
     for time in times {
@@ -267,6 +276,11 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
         refused: None,
     };
 
+    // The planning of a formula that turns ever more often would take as long as that of a whole day.
+    let consent = Consent { length: None, task: Task::Plan, yes: false, json: true };
+    if let Err(long) = consent::agree(&prepared, consent, console) {
+        return Err(miette!(help = "give a shorter --duration", "{long}"));
+    }
     let mut planned = prepared.prove(|_| ());
     if let Err(refusal) = &planned
         && let Some(jumping) = without_ramps(&law)
@@ -295,7 +309,7 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
     let planned = planned.map_err(advised)?;
     if let Some(path) = &args.plot {
         let driven = Driven::native(&prepared).map_err(advised)?;
-        run::draw(&run::recorded(&prepared, planned, driven, console)?.picture, path)?;
+        run::draw(&run::recorded(&prepared, planned, driven, console)?.picture, path, "--plot")?;
         if !args.json {
             console.print(format_args!("{}\n", path.display()))?;
         }
@@ -403,17 +417,36 @@ fn moment(text: &str) -> Result<Time, String> {
     arguments::duration(text)
 }
 
-/// Of position, speed and acceleration, in steps: the extremes over the whole law.
-fn extremes(law: &Law) -> Result<[Extremes; 3], LawError> {
-    let count = law.pieces().take(MOST_PIECES).count().max(1);
+/// Why a formula is not looked at to its end.
+#[derive(Debug, thiserror::Error)]
+enum NoExtremes {
+    #[error("{0}")]
+    Law(#[from] LawError),
+    /// Until when it was, s.
+    #[error("the formula turns too often to be looked at to its end: up to {} s it took as long as one may", human::significant(*.0, 9))]
+    TooMany(f64),
+}
+
+/// Of position, speed and acceleration, in steps: the extremes over the whole law. `operations` are those of its formula.
+fn extremes(law: &Law, operations: usize) -> Result<[Extremes; 3], NoExtremes> {
+    let mut count = 0;
+    for piece in law.pieces() {
+        let piece = piece?;
+        count += 1;
+        if count * operations.max(1) > MAX_WINDOW_WORK {
+            return Err(NoExtremes::TooMany(piece.start.seconds()));
+        }
+    }
     let (least, most, all) = POINTS;
-    let points = (all / count).clamp(least, most);
+    let points = (all / (count.max(1) * operations.max(1))).clamp(least, most);
     let mut found = [Extremes::NONE; 3];
-    for piece in law.pieces().take(MOST_PIECES) {
+    let work = Cell::new(0_u64);
+    for piece in law.pieces() {
         let piece = piece?;
         let (first, last) = (piece.first(), piece.last());
         // Position, speed, acceleration, jerk.
         let of = |u: f64| {
+            work.set(work.get() + operations as u64);
             let jet = piece.curve.jet(u);
             [piece.origin as f64 + jet[0], jet[1], 2.0 * jet[2], 6.0 * jet[3]]
         };
@@ -431,6 +464,9 @@ fn extremes(law: &Law) -> Result<[Extremes; 3], LawError> {
                 }
             }
             before = (u, here);
+            if work.get() > MAX_WORK {
+                return Err(NoExtremes::TooMany(zero + u));
+            }
         }
     }
     Ok(found)

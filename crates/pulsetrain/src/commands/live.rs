@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
@@ -26,9 +26,10 @@ use super::problems::{drive_problem, port_problem};
 use super::rehearsal::Rehearsal;
 use super::{on_port, plan, ports, steer};
 use crate::clock::{self, Onward};
-use crate::console::{self, Access, Console, Exit, access};
+use crate::console::{Access, Console, Exit};
 use crate::control_socket::{ClientKind, Control, Ending, Hub, HubSender, RunEnded, RunInfo};
 use crate::diagnostic::{WrongFile, advised};
+use crate::files::outputs::{self, Destination, OutputError};
 use crate::live::incoming::{Incoming, MOST_REQUESTS};
 use crate::live::log::{LogEntry, LogHead, LogLine, VERSION};
 use crate::live::schedule::Scheduler;
@@ -38,7 +39,7 @@ use crate::live::{
     Desk, FileTexts, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show, SuspendedShow,
 };
 use crate::midi::{self, MidiError};
-use crate::osc::{OscSettings, listen_address, serve_osc};
+use crate::osc::{self, listen_address, serve_osc_on};
 use crate::page::{self, PageOptions};
 use crate::serve::RealTime;
 use crate::way_back::{quoted, way_back};
@@ -104,7 +105,7 @@ pub(crate) struct LiveArgs {
     #[arg(long, value_name = "[ADDR:]PORT")]
     pub(crate) osc: Option<String>,
     /// Answer OSC clients at this port [default: the port from which they send]
-    #[arg(long, value_name = "PORT", requires = "osc")]
+    #[arg(long, value_name = "PORT", requires = "osc", value_parser = clap::value_parser!(u16).range(1..))]
     pub(crate) osc_reply: Option<u16>,
     /// Take MIDI from this port, or from the one with this in its name, as [live.midi] says; `pulsetrain ports --midi` lists them
     #[arg(long, value_name = "PORT")]
@@ -211,10 +212,15 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
         let home = staged.desk.home().to_vec();
         staged.rest_at(&home)?;
     }
-    let osc = args.osc.as_deref().map(listen_address).transpose()?;
+    let osc_at = args.osc.as_deref().map(listen_address).transpose()?;
+    // Ports that are not to be had are said before anything moves.
+    let osc = osc_at.map(osc::listen).transpose()?;
     // If another program has the page's port, the error comes before anything moves.
     let page_at = args.page.as_deref().map(|text| page::listen(page::address(text)?)).transpose()?;
-    let log = args.log.as_deref().map(|path| Log::create(path, &staged, args)).transpose()?;
+    if let Some(path) = &args.trace {
+        outputs::claim(&Destination::new(path, "--trace"))?;
+    }
+    let log = args.log.as_deref().map(|path| Log::new(path, &staged, args)).transpose()?;
     let mut info = RunInfo::new(&name, &program, args.port.as_deref(), args.native);
     (info.is_live, info.knobs, info.cues) = (true, staged.desk.knobs(), staged.desk.cues());
     let control = Control::open(&info, console);
@@ -240,8 +246,11 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
         watch(&path, &stage, &hub, &rules);
     }
     keep_to_schedule(&hub, rules);
-    if let Some(address) = osc {
-        serve_osc(&hub, OscSettings { address, reply_port: args.osc_reply })?;
+    if let Some(socket) = osc {
+        let address = serve_osc_on(&hub, socket, args.osc_reply)?;
+        if osc_at.is_some_and(|asked| asked.port() == 0) {
+            console.print(format_args!("OSC at {address}\n"))?;
+        }
     }
     let _midi = midi.map(|(port, table)| midi::serve_midi(&hub, port, table)).transpose()?;
     let page = page_at.map(|(listener, token)| {
@@ -450,7 +459,7 @@ const MOST_PENDING: usize = 64;
 impl Parts {
     /// Lets the motion run in its own thread. With `paced_hz` the board's time keeps pace with the time of day.
     fn play<B: Leased + Send + 'static>(
-        self,
+        mut self,
         begun: LiveBeginning<B>,
         paced_hz: Option<u64>,
         board: Box<dyn LiveBoard<B>>,
@@ -460,6 +469,7 @@ impl Parts {
         let pending = Arc::new(AtomicUsize::new(0));
         let of_thread = Arc::clone(&pending);
         let trace = Trace::create(self.trace.as_deref(), paced_hz.unwrap_or(1), begun.lines())?;
+        self.log = self.log.take().map(Log::open).transpose()?;
         let thread = thread::spawn(move || self.played(begun, paced_hz, board, trace, &tells, &of_thread));
         Ok(Running { hub, heard, pending, thread })
     }
@@ -777,10 +787,21 @@ impl News<'_> {
     }
 }
 
-/// The log's writer: a thread, so that a slow disk delays no step.
+/// What writes the log: a thread, so that a slow disk delays no step.
+enum LogWriter {
+    /// The motion is not begun yet: a start that fails leaves the log that is there.
+    Waits {
+        path: PathBuf,
+        head: String,
+        to_write: Receiver<LogLine>,
+    },
+    Writes(thread::JoinHandle<Option<Access>>),
+}
+
+/// What is asked and done, on its way to a file.
 struct Log {
     lines: Sender<LogLine>,
-    writer: thread::JoinHandle<Option<Access>>,
+    writer: LogWriter,
     /// The files that are in the log: the hash of each one's text.
     files: BTreeMap<PathBuf, u64>,
     /// The tick at which the motion begins, and ticks in a second.
@@ -788,8 +809,9 @@ struct Log {
 }
 
 impl Log {
-    fn create(path: &Path, staged: &Staged, args: &LiveArgs) -> miette::Result<Log> {
-        let mut file = console::create(path)?;
+    /// A log of this motion. It is not written before it is [opened](Log::open).
+    fn new(path: &Path, staged: &Staged, args: &LiveArgs) -> miette::Result<Log> {
+        outputs::claim(&Destination::new(path, "--log"))?;
         let head = LogHead {
             pulsetrain_log: VERSION,
             program: env!("CARGO_PKG_VERSION").to_owned(),
@@ -804,21 +826,29 @@ impl Log {
             rests_at: staged.is_at_rest.then(|| staged.desk.home().to_vec()),
         };
         let head = serde_json::to_string(&head).map_err(|error| miette!("cannot write JSON: {error}"))?;
-        let path = path.to_owned();
-        let written = writeln!(file, "{head}").and_then(|()| file.flush());
-        written.map_err(|error| access("write", &path, error))?;
         let (lines, to_write) = channel::<LogLine>();
-        let writer = thread::spawn(move || {
+        let writer = LogWriter::Waits { path: path.to_owned(), head, to_write };
+        let files = staged.desk.files().iter().map(|(name, text)| (name.clone(), hash(text))).collect();
+        Ok(Log { lines, writer, files, time: (0, staged.prepared.program.board.tick_hz) })
+    }
+
+    /// Begins to write it, in a thread.
+    fn open(mut self) -> Result<Log, OutputError> {
+        let LogWriter::Waits { path, head, to_write } = self.writer else { return Ok(self) };
+        let to = Destination::new(&path, "--log");
+        let mut file = outputs::create_log(&path, "--log")?;
+        let written = writeln!(file, "{head}").and_then(|()| file.flush());
+        written.map_err(|error| outputs::unwritten(&to, error))?;
+        self.writer = LogWriter::Writes(thread::spawn(move || {
             for line in to_write {
                 let text = serde_json::to_string(&line).unwrap_or_default();
                 if let Err(error) = writeln!(file, "{text}").and_then(|()| file.flush()) {
-                    return Some(access("write", &path, error));
+                    return Some(outputs::unwritten(&to, error));
                 }
             }
             None
-        });
-        let files = staged.desk.files().iter().map(|(name, text)| (name.clone(), hash(text))).collect();
-        Ok(Log { lines, writer, files, time: (0, staged.prepared.program.board.tick_hz) })
+        }));
+        Ok(self)
     }
 
     fn line(&self, tick: u64, entry: LogEntry) {
@@ -839,7 +869,10 @@ impl Log {
 
     fn finish(self) -> Option<Access> {
         drop(self.lines);
-        self.writer.join().ok().flatten()
+        match self.writer {
+            LogWriter::Waits { .. } => None,
+            LogWriter::Writes(thread) => thread.join().ok().flatten(),
+        }
     }
 }
 
@@ -847,23 +880,44 @@ impl Log {
 pub(super) struct Trace(Option<TraceFile>);
 
 struct TraceFile {
-    writer: vcd_file::EdgeWriter<io::BufWriter<std::fs::File>>,
+    writer: vcd_file::EdgeWriter<Box<dyn Write + Send>>,
     path: PathBuf,
+    /// The tick from which on the edges until then are to be on the disk, and the ticks in a second; none for a file that is taken only when it is
+    /// whole.
+    flush: Option<(u64, u64)>,
     error: Option<io::Error>,
 }
 
 impl Trace {
-    pub(super) fn create(path: Option<&Path>, tick_hz: u64, lines: &[TraceLine]) -> Result<Trace, Access> {
-        let Some(path) = path else { return Ok(Trace(None)) };
-        let writer = vcd_file::EdgeWriter::new(console::create(path)?, tick_hz, lines);
-        let writer = writer.map_err(|error| access("write", path, error))?;
-        Ok(Trace(Some(TraceFile { writer, path: path.to_owned(), error: None })))
+    /// A motion's trace, which is on the disk while it goes on.
+    fn create(path: Option<&Path>, tick_hz: u64, lines: &[TraceLine]) -> Result<Trace, OutputError> {
+        let Some(path) = path else { return Ok(Trace::none()) };
+        let mut trace = Trace::to(Box::new(outputs::create_log(path, "--trace")?), path, tick_hz, lines)?;
+        trace.0.iter_mut().for_each(|file| file.flush = Some((0, tick_hz)));
+        Ok(trace)
+    }
+
+    /// No file is wanted.
+    pub(super) const fn none() -> Trace {
+        Trace(None)
+    }
+
+    /// Edges to a file that is open.
+    pub(super) fn to(
+        file: Box<dyn Write + Send>,
+        path: &Path,
+        tick_hz: u64,
+        lines: &[TraceLine],
+    ) -> Result<Trace, Access> {
+        let writer = vcd_file::EdgeWriter::new(file, tick_hz, lines);
+        let writer = writer.map_err(|error| Access::write(path, "--trace", error))?;
+        Ok(Trace(Some(TraceFile { writer, path: path.to_owned(), flush: None, error: None })))
     }
 
     pub(super) fn finish(self) -> Option<Access> {
-        let TraceFile { writer, path, error } = self.0?;
+        let TraceFile { writer, path, error, .. } = self.0?;
         let written = error.map_or_else(|| writer.finish(), Err);
-        written.err().map(|error| access("write", &path, error))
+        written.err().map(|error| Access::write(&path, "--trace", error))
     }
 }
 
@@ -871,7 +925,14 @@ impl Observer for Trace {
     fn edge(&mut self, edge: Edge) {
         if let Some(file) = self.0.as_mut().filter(|file| file.error.is_none()) {
             let edge = pulsetrain_trace::Edge { tick: edge.tick, line: edge.line, level: edge.level };
-            file.error = file.writer.push(edge).err();
+            let mut written = file.writer.push(edge);
+            if let Some((due, tick_hz)) = &mut file.flush
+                && edge.tick >= *due
+            {
+                *due = edge.tick + *tick_hz;
+                written = written.and_then(|()| file.writer.flush());
+            }
+            file.error = written.err();
         }
     }
 }
@@ -936,7 +997,7 @@ impl TerminalSide {
         let (sender, lines) = client.split();
         // What happens is heard without the hub.
         drop(lines);
-        let (says, said) = channel();
+        let (says, said) = sync_channel(MOST_PENDING);
         if console.err_is_terminal && io::stdin().is_terminal() && !is_quiet {
             return self.at_a_terminal(&sender, console);
         }
@@ -963,7 +1024,7 @@ impl TerminalSide {
 
     fn at_a_terminal(self, sender: &HubSender, console: &mut Console<'_>) -> miette::Result<()> {
         let refuse = |error: io::Error| miette!("the terminal cannot be used: {error}; --quiet prints lines instead");
-        let mut screen = LiveScreen::new(console.err, &self.info).map_err(refuse)?;
+        let mut screen = LiveScreen::new(console.err.screen(), &self.info).map_err(refuse)?;
         loop {
             match self.heard.recv_timeout(KEYS) {
                 Ok(MotionNews::Over) | Err(RecvTimeoutError::Disconnected) => return Ok(()),
@@ -989,7 +1050,7 @@ impl TerminalSide {
 }
 
 /// Reads lines until the input ends: what is asked goes to the hub.
-fn read_lines(input: &mut BufReader<impl Read>, sender: &HubSender, hub: &Hub, says: &Sender<String>) {
+fn read_lines(input: &mut BufReader<impl Read>, sender: &HubSender, hub: &Hub, says: &SyncSender<String>) {
     let mut line = Vec::new();
     let mut together = Vec::new();
     loop {

@@ -1,6 +1,7 @@
 //! `pulsetrain motor`: how fast a winding lets a motor step.
 
 use crate::arguments;
+use crate::files::inputs;
 use clap::Args;
 use miette::miette;
 use pulsetrain_motion::electrical::{Figure, Winding, WindingError};
@@ -141,7 +142,7 @@ fn windings(args: &MotorArgs) -> miette::Result<Vec<(String, Winding)>> {
 
 fn from_file(args: &MotorArgs) -> miette::Result<Vec<(String, Winding)>> {
     let Some(path) = &args.file else { return Ok(Vec::new()) };
-    let program = file::load(path).map_err(WrongFile::from)?;
+    let program = file::load_contents_by(path, &inputs::text).map_err(WrongFile::from)?.program;
     let windings: Vec<_> = program.motors.into_iter().filter_map(|motor| Some((motor.name, motor.winding?))).collect();
     if windings.is_empty() {
         let help = "give a motor its electrical data: inductance, current, voltage";

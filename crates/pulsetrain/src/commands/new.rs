@@ -1,13 +1,12 @@
 //! `pulsetrain new`: a motion file to start from.
 
 use clap::Args;
-use std::fs::OpenOptions;
-use std::io::Write;
 use std::path::PathBuf;
 
 use pulsetrain_motion::template;
 
-use crate::console::{Console, Exit, access};
+use crate::console::{Console, Exit};
+use crate::files::outputs;
 
 #[derive(Args, Debug)]
 #[command(after_help = "Example:\n  pulsetrain new crank      writes crank.toml")]
@@ -24,10 +23,7 @@ pub(crate) fn run(args: &NewArgs, console: &mut Console<'_>) -> miette::Result<E
         name.with_added_extension("toml")
     };
     let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    // An existing file is never overwritten.
-    let mut file =
-        OpenOptions::new().write(true).create_new(true).open(&path).map_err(|error| access("write", &path, error))?;
-    file.write_all(template::motion_file(&stem).as_bytes()).map_err(|error| access("write", &path, error))?;
+    outputs::write_new(&path, "name", template::motion_file(&stem).as_bytes())?;
     let path = path.display();
     console.print(format_args!("wrote {path}; now: pulsetrain run {path}\n"))?;
     Ok(Exit::Success)

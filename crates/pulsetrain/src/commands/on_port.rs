@@ -17,8 +17,10 @@ use serde::Serialize;
 use super::problems::{clock_off, drive_problem, port_problem, run_problem};
 use super::rehearsal::Rehearsal;
 use super::run::{HowToRun, run_end, stopped_before_begin};
-use crate::console::{self, Console, Exit, access};
+use crate::console::Access;
+use crate::console::{self, Console, Exit};
 use crate::control_socket::{Control, RunEnded};
+use crate::files::outputs::{self, OutputError};
 use crate::{interrupt, last_positions};
 use pulsetrain_motion::human;
 use pulsetrain_report::plan_report::{Column, PlanReport, summary};
@@ -146,9 +148,9 @@ pub(super) fn run(
     // A file that cannot be written is found before anything moves.
     let names: Vec<String> = program.motors.iter().map(|motor| motor.name.clone()).collect();
     let path = folder.join("steps.csv");
-    let writer = how.steps.then(|| {
-        let writer = steps::StepWriter::new(console::create(&path)?, program.board.tick_hz, &names);
-        writer.map_err(|error| access("write", &path, error))
+    let writer = how.steps.then(|| -> Result<_, OutputError> {
+        let writer = steps::StepWriter::new(outputs::create(&path, "--out")?, program.board.tick_hz, &names);
+        Ok(writer.map_err(|error| Access::write(&path, "--out", error))?)
     });
     let writer = writer.transpose()?;
     stopped_before_begin(control)?;
@@ -193,7 +195,7 @@ pub(super) fn run(
     let Scheduled { writer, error, made } = scheduled;
     let written = error
         .map_or_else(|| writer.map_or(Ok(()), |writer| writer.finish().map(drop)), Err)
-        .map_err(|error| access("write", &path, error));
+        .map_err(|error| Access::write(&path, "--out", error));
     let runner = format!("board at {name}");
     let asked = asked.map_err(|error| {
         let plan = PlanReport::made(prepared, &planned, &made);
@@ -248,7 +250,9 @@ pub(super) fn run(
         console.print(PortText { report: &report, verbose })?;
     }
     let text = format!("{}\n", console::json(&report)?);
-    let written = written.and_then(|()| console::write(&folder.join("report.json"), text.as_bytes()));
+    let written = written
+        .map_err(OutputError::from)
+        .and_then(|()| outputs::write(&folder.join("report.json"), "--out", text.as_bytes()));
     report.unwritten = written.as_ref().err().map(ToString::to_string);
     if json {
         console.print_json(&report)?;
@@ -282,11 +286,9 @@ pub(super) fn waits_with_notice(console: &mut Console<'_>, port: &str) -> impl F
     let mut waits = false;
     move || {
         if !std::mem::replace(&mut waits, true) {
-            // If standard error is closed nobody reads it.
-            drop(writeln!(
-                console.err,
+            console.tell(format_args!(
                 "The board still moves motors for another program. This waits until they rest, half a minute at most. Ctrl-C ends the wait; \
-                 then `pulsetrain stop --port {port}` stops them."
+                 then `pulsetrain stop --port {port}` stops them.\n"
             ));
         }
         !interrupt::wanted()

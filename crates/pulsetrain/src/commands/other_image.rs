@@ -60,7 +60,7 @@ mod tests {
     #[test]
     fn nothing_is_offered_where_nobody_can_be_asked_or_nothing_would_help() {
         let (mut out, mut err) = (Vec::new(), Vec::new());
-        let mut console = Console { out: &mut out, err: &mut err, err_is_terminal: false };
+        let mut console = Console::new(&mut out, &mut err, false);
         let other = Report::from(OtherImage { is: "winch", wanted: "uno" });
         assert!(offered(&other, Some("COM3"), &mut console).is_none());
         assert!(offered(&other, None, &mut console).is_none());

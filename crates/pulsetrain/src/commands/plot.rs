@@ -3,13 +3,16 @@
 use super::problems::drive_problem;
 use super::{plan, run};
 use crate::arguments::Motion;
-use crate::console::{self, Console, Exit};
+use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
+use crate::files::inputs;
+use crate::files::outputs::{self, Destination};
 use crate::load;
 use crate::way_back::quoted;
 use clap::Args;
 use miette::miette;
 use pulsetrain_board::{Edge, Native, Observer, ScheduledStep};
+use pulsetrain_motion::file::MOST_OF_A_MOTION_FILE;
 use pulsetrain_motion::{Time, file};
 use pulsetrain_plot::moving::{MOST_STEPS, Moving};
 use pulsetrain_session::drive::Driven;
@@ -48,13 +51,14 @@ pub(crate) fn run(args: &PlotArgs, console: &mut Console<'_>) -> miette::Result<
         ));
     }
     let mut prepared = args.motion.prepare(Task::Native { files: false }, false, console)?;
+    outputs::claim(&Destination::new(&path, "--out"))?;
     let planned = plan::plan(&mut prepared, console)?;
     let driven = Driven::native(&prepared).map_err(advised)?;
     if args.moving {
         return moving(args, &prepared, driven, &path, console);
     }
     let recorded = run::recorded(&prepared, planned, driven, console)?;
-    run::draw(&recorded.picture, &path)?;
+    run::draw(&recorded.picture, &path, "--out")?;
     console.print(format_args!("{}\n", path.display()))?;
     Ok(if recorded.verdict.ok { Exit::Success } else { Exit::BoundBroken })
 }
@@ -98,7 +102,7 @@ fn moving(
             motor.name
         ));
     }
-    let text = console::read(&load::found(&args.motion.file))?;
+    let text = inputs::bytes(&load::found(&args.motion.file), MOST_OF_A_MOTION_FILE)?;
     let text = String::from_utf8_lossy(&text);
     let law = file::first_law(&text, &motor.name).unwrap_or_else(|| prepared.file.clone());
     let title = if motors.len() == 1 { law } else { format!("{}: {law}", motor.name) };
@@ -112,7 +116,7 @@ fn moving(
         duration_s: motor.law.end().map_or(prepared.end_s(), Time::seconds),
     };
     let svg = moving.svg().map_err(|error| miette!("motor {}: {error}", motor.name))?;
-    console::write(path, svg.as_bytes())?;
+    outputs::write(path, "--out", svg.as_bytes())?;
     console.print(format_args!("{}\n", path.display()))?;
     Ok(Exit::Success)
 }

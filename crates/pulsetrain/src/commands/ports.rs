@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use super::flash;
 use crate::console::{Console, Exit};
+use crate::files::inputs;
 use crate::midi;
 use pulsetrain_motion::human::{self, Table};
 use pulsetrain_session::drive::session_number;
@@ -182,7 +183,7 @@ fn may_open(_: &str) -> bool {
 fn no_permission(name: &str) -> String {
     use std::os::unix::fs::MetadataExt;
     let group = std::fs::metadata(name).map_or(0, |device| device.gid());
-    how_to_join(group, &std::fs::read_to_string("/etc/group").unwrap_or_default())
+    how_to_join(group, &inputs::of_system(Path::new("/etc/group")))
 }
 
 #[cfg(not(target_os = "linux"))]

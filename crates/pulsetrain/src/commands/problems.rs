@@ -9,6 +9,7 @@ use pulsetrain_board::{BoardKind, LinkError, PortError, RemoteError, VirtualBoar
 use crate::console;
 use crate::control_socket::{RunClient, runs};
 use crate::diagnostic::advised;
+use crate::files::outputs;
 use crate::way_back::quoted;
 use pulsetrain_motion::human;
 use pulsetrain_report::run_report::StoppedReport;
@@ -100,7 +101,7 @@ pub(crate) fn run_problem(error: DriveError, report: Option<Box<StoppedReport>>,
     let help = problem.help().map_or_else(String::new, |help| help.to_string());
     report.stopped.help.clone_from(&help);
     let written = console::json(&report)
-        .and_then(|text| Ok(console::write(&folder.join("report.json"), format!("{text}\n").as_bytes())?));
+        .and_then(|text| Ok(outputs::write(&folder.join("report.json"), "--out", format!("{text}\n").as_bytes())?));
     // The stop matters more than the file.
     let help = match written {
         Ok(()) => help,

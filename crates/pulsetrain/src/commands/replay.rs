@@ -1,6 +1,5 @@
 //! `pulsetrain replay`: a live motion once more, from its log.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::PathBuf;
 
@@ -18,8 +17,10 @@ use pulsetrain_session::drive::{DriveError, Driven};
 use super::live::{Staged, Trace, Way, in_words, proving};
 use super::problems::drive_problem;
 use super::run::draw;
-use crate::console::{Access, Console, Exit, access};
+use crate::console::{Access, Console, Exit};
 use crate::diagnostic::{WrongFile, advised};
+use crate::files::inputs;
+use crate::files::outputs::{self, Destination};
 use crate::live::incoming::has_stop;
 use crate::live::log::{LogEntry, LogLine, Replay};
 use crate::live::{Desk, Happened, Show};
@@ -131,7 +132,10 @@ impl Observer for ReplayRecorder {
 type TickedEvent = (u64, Happened);
 
 pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let file = File::open(&args.log).map_err(|error| access("read", &args.log, error))?;
+    let file = inputs::open(&args.log, inputs::MAX_LOG_BYTES)?;
+    for (path, option) in [(&args.trace, "--trace"), (&args.plot, "--plot")] {
+        path.iter().try_for_each(|path| outputs::claim(&Destination::new(path, option)))?;
+    }
     let wrong = |why: &dyn std::fmt::Display| miette!("{}: {why}", args.log.display());
     let log = Replay::read(BufReader::new(file)).map_err(|error| wrong(&error))?;
     let head = &log.head;
@@ -163,7 +167,7 @@ pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Resul
     };
     let time = human::seconds_to(again.end_s, 6);
     if let Some(plot) = &args.plot {
-        draw(&again.picture, plot)?;
+        draw(&again.picture, plot, "--plot")?;
     }
     for file in args.trace.iter().chain(&args.plot) {
         console.print(format_args!("  {}\n", file.display()))?;
@@ -202,7 +206,10 @@ fn again<B: Leased>(
     console: &mut Console<'_>,
 ) -> miette::Result<Again> {
     let hz = staged.prepared.program.board.tick_hz;
-    let trace = Trace::create(args.trace.as_deref(), hz, &driven.lines)?;
+    let trace = match &args.trace {
+        Some(path) => Trace::to(Box::new(outputs::create(path, "--trace")?), path, hz, &driven.lines)?,
+        None => Trace::none(),
+    };
     let zero = driven.zero();
     let mut recorder = ReplayRecorder::new(trace, &staged.prepared.program, &log.head.file);
     let (desk, rejoins) = (staged.desk.clone(), log.head.rejoins);
@@ -351,7 +358,7 @@ mod tests {
             rests_at: None,
         };
         let log = Replay { head, lines: lines.into() };
-        let trace = Trace::create(None, hz, &driven.lines).unwrap();
+        let trace = Trace::none();
         let mut recorder = ReplayRecorder::new(trace, &prepared.program, "live.toml");
         let mut done = Vec::new();
         let show = Show::new(driven, desk, true);

@@ -2,6 +2,7 @@
 
 use crate::arguments;
 use crate::arguments::Motion;
+use crate::files::outputs;
 use clap::Args;
 use pulsetrain_board::Native;
 use pulsetrain_core::wire::Baud;
@@ -179,6 +180,16 @@ fn goto_options(args: &RunArgs) -> String {
 
 /// Runs a prepared motion. Other commands find it by its control socket.
 pub(super) fn perform(prepared: Prepared, how: &HowToRun<'_>, console: &mut Console<'_>) -> miette::Result<Exit> {
+    // A file that would destroy an input is found before anything is planned, or moves.
+    let files = ["report.json", "steps.csv", "trace.vcd", "plot.svg"];
+    let is_wanted = |name: &&str| match *name {
+        "steps.csv" => how.steps,
+        "trace.vcd" => how.trace && how.port.is_none(),
+        "plot.svg" => how.port.is_none(),
+        _ => true,
+    };
+    let files: Vec<&str> = files.into_iter().filter(is_wanted).collect();
+    outputs::claim_all(how.folder, &files, "--out")?;
     let info = RunInfo::new(&prepared.file, &prepared.program, how.port, how.native);
     let control = Control::open(&info, console);
     let done = perform_with(prepared, how, &control, console);
@@ -215,7 +226,7 @@ fn perform_with(
             OutputFile::Trace => how.trace,
             OutputFile::Steps => how.steps,
         };
-        is_wanted.then(|| console::open(&folder.join(file.name())))
+        is_wanted.then(|| outputs::create_in(folder, file.name(), "--out"))
     };
     let mut bars = RunBars::new(&prepared, Some(control), console);
     bars.planning(0.0);
@@ -235,11 +246,11 @@ fn perform_with(
     let text = format!("{}\n", console::json(&report)?);
     let written = unwritten
         .map_or_else(
-            || console::write(&folder.join("report.json"), text.as_bytes()),
-            |unwritten| Err(file_error(unwritten, folder)),
+            || outputs::write(&folder.join("report.json"), "--out", text.as_bytes()),
+            |unwritten| Err(file_error(unwritten, folder).into()),
         )
         .map_err(Report::from)
-        .and_then(|()| draw(&picture, &folder.join("plot.svg")));
+        .and_then(|()| draw(&picture, &folder.join("plot.svg"), "--out"));
     // The verdict is printed even if a file could not be written.
     report.unwritten = written.as_ref().err().map(ToString::to_string);
     if how.json {
@@ -277,7 +288,7 @@ pub(super) fn run_end(prepared: &Prepared, ended: &Ended, how: &HowToRun<'_>) ->
 
 /// The error for a file of a run.
 fn file_error(unwritten: Unwritten, folder: &Path) -> Access {
-    console::access("write", &folder.join(unwritten.file.name()), unwritten.error)
+    Access::write(&folder.join(unwritten.file.name()), "--out", unwritten.error)
 }
 
 /// The error for a run that has no verdict, with advice.
@@ -365,17 +376,17 @@ pub(super) fn recorded(
     }
 }
 
-/// Writes a picture as SVG, or as PNG if the path ends in .png.
-pub(crate) fn draw(picture: &Picture, path: &Path) -> miette::Result<()> {
+/// Writes a picture as SVG, or as PNG if the path ends in .png. `option` says where it goes.
+pub(crate) fn draw(picture: &Picture, path: &Path, option: &'static str) -> miette::Result<()> {
     let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
     match ending.as_deref() {
         Some("png") => {
             let png = picture.png().map_err(|error| miette!("cannot draw {}: {error}", path.display()))?;
-            Ok(console::write(path, &png)?)
+            Ok(outputs::write(path, option, &png)?)
         }
         Some("svg") => {
             let svg = picture.svg().map_err(|error| miette!("cannot draw {}: {error}", path.display()))?;
-            Ok(console::write(path, svg.as_bytes())?)
+            Ok(outputs::write(path, option, svg.as_bytes())?)
         }
         _ => Err(miette!(help = "name it .svg or .png", "{} is no kind of picture", path.display())),
     }

@@ -1,6 +1,7 @@
 //! `pulsetrain verbs`: moves motors by verbs, sent in frames. Its lines are those that a Pico takes as text.
 
 use crate::arguments;
+use crate::files::inputs;
 use clap::{ArgGroup, Args, ValueEnum};
 use pulsetrain_board::BoardKind;
 use pulsetrain_board::profiles::{Role, name_of};
@@ -29,7 +30,7 @@ use pulsetrain_trace::winch::Status;
 use super::on_port::waits_with_notice;
 use super::problems::{drive_problem, port_problem, virtual_board};
 use super::winch::typed;
-use crate::console::{self, Console, Exit};
+use crate::console::{Console, Exit};
 use crate::winch::console::{ConsoleError, ConsoleInput, Person, Plain};
 use crate::winch::talk::{BoardLine, meaning};
 use crate::winch::terminal::Terminal;
@@ -112,7 +113,7 @@ const ROUNDS_PER_S: u64 = 100;
 /// How often a terminal shows the positions, µs.
 const SHOW_EVERY_US: u64 = 50_000;
 
-/// A script's line: its time, s, its orders, and where they are written.
+/// A script's line: its time, s, and its orders, which are one.
 #[derive(Clone, Debug)]
 struct Timed {
     at_s: f64,
@@ -202,6 +203,16 @@ impl Wiring {
         Ok(setup)
     }
 
+    /// One of the orders of a line.
+    fn read_part(&self, part: &str, tick_hz: f64) -> Result<LineOrders, NotRead> {
+        let known = self.in_ticks(&in_small_letters(part), tick_hz).map_err(NotRead::Speed)?;
+        match text::read(known.as_bytes()) {
+            VerbLine::Orders(told) => Ok(told),
+            VerbLine::Unknown => Err(NotRead::Unknown),
+            VerbLine::Refused(what, word) => Err(NotRead::Line(written(&VerbReply::Unread(what, word)))),
+        }
+    }
+
     /// A line as boards have it: each speed with a unit in ticks from step to step.
     fn in_ticks(&self, line: &str, tick_hz: f64) -> Result<String, String> {
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -222,6 +233,31 @@ impl Wiring {
         }
         Ok(told)
     }
+}
+
+/// Why an order cannot be read.
+#[derive(Clone, Debug)]
+enum NotRead {
+    /// Its speed cannot be made, in words.
+    Speed(String),
+    /// It has no verb.
+    Unknown,
+    /// As a board says it.
+    Line(String),
+}
+
+/// The verb and the axes of an order in small letters, as boards have them: docs/verbs.md has them in capitals, too.
+fn in_small_letters(order: &str) -> String {
+    let mut words = order.split_whitespace();
+    let verb = words.next().unwrap_or_default().to_ascii_lowercase();
+    let verb = if verb == "direction" { "dir" } else { &verb };
+    let axes = words.next().map(str::to_ascii_lowercase);
+    let mut small = verb.to_owned();
+    for word in axes.as_deref().into_iter().chain(words) {
+        small.push(' ');
+        small.push_str(word);
+    }
+    small
 }
 
 /// The values of a `speed` line: a number, and the unit behind it.
@@ -280,7 +316,7 @@ fn without_comment(line: &str) -> &str {
 
 /// Reads a script.
 fn load_script(path: &Path, wiring: &Wiring) -> miette::Result<Vec<Timed>> {
-    let bytes = console::read(path)?;
+    let bytes = inputs::bytes(path, inputs::MAX_SCRIPT_BYTES)?;
     let name = path.display().to_string();
     let text = String::from_utf8(bytes).map_err(|_| miette!(help = OF_SCRIPTS, "{name} is no text"))?;
     let source = Arc::new(NamedSource::new(&name, text.clone()));
@@ -309,22 +345,28 @@ fn load_script(path: &Path, wiring: &Wiring) -> miette::Result<Vec<Timed>> {
             return Err(wrong(0..when.len(), message));
         }
         let mut order_at = when.len() + 1;
-        for order in told.split(';') {
-            let at = order_at + order.len() - order.trim_start().len()..order_at + order.trim_end().len();
-            order_at += order.len() + 1;
-            // No board is asked yet, and the ticks do not matter.
-            let known = wiring.in_ticks(order.trim(), NOMINAL_HZ).map_err(|message| wrong(at.clone(), message))?;
-            match text::read(known.as_bytes()) {
-                VerbLine::Orders(_) => {}
-                VerbLine::Unknown => return Err(wrong(at, "no such verb".to_owned())),
-                VerbLine::Refused(what, word) => {
-                    let refusal = written(&VerbReply::Unread(what, word));
-                    let message = meaning(&refusal).unwrap_or(refusal);
-                    return Err(wrong(at, message));
-                }
+        let mut has_orders = false;
+        for part in told.split(';') {
+            let at = order_at + part.len() - part.trim_start().len()..order_at + part.trim_end().len();
+            order_at += part.len() + 1;
+            if part.trim().is_empty() {
+                continue;
             }
-            lines.push(Timed { at_s, orders: order.trim().to_owned() });
+            // No board is asked yet, and the ticks do not matter.
+            wiring.read_part(part.trim(), NOMINAL_HZ).map_err(|why| {
+                let message = match &why {
+                    NotRead::Speed(why) => why.clone(),
+                    NotRead::Unknown => "no such verb".to_owned(),
+                    NotRead::Line(refusal) => meaning(refusal).unwrap_or_else(|| refusal.clone()),
+                };
+                wrong(at, message)
+            })?;
+            has_orders = true;
         }
+        if !has_orders {
+            return Err(wrong(0..line.len(), "a line without an order".to_owned()));
+        }
+        lines.push(Timed { at_s, orders: told.trim().to_owned() });
     }
     if lines.is_empty() {
         return Err(miette!(help = OF_SCRIPTS, "{name} has no line to tell"));
@@ -509,12 +551,12 @@ fn run_on<P: Port>(
     let begun = Begun { remote, wiring, setup, tick_hz, pins };
     if script.is_none() && stdin().is_terminal() && stdout().is_terminal() {
         console.print("`help` lists the commands, Ctrl-C halts all axes, `quit` ends\n")?;
-        let mut terminal = Terminal::new(console.out, STOP).map_err(ConsoleError::from)?;
+        let mut terminal = Terminal::new(console.out.screen(), STOP).map_err(ConsoleError::from)?;
         return begun.session(&mut terminal).run(first, None);
     }
     // No line is read before, and none with a script.
     let lines = if script.is_none() { typed() } else { channel().1 };
-    begun.session(&mut Plain::new(lines, console.out)).run(first, script)
+    begun.session(&mut Plain::new(lines, &mut console.out)).run(first, script)
 }
 
 /// A board that is set up, before somebody moves it.
@@ -601,49 +643,68 @@ impl<'a, P: Port, T: Person> VerbSession<'a, P, T> {
 
     /// Reads a typed line. Whether it ends the console.
     fn read(&mut self, line: &str) -> miette::Result<bool> {
-        for order in without_comment(line).split(';').map(str::trim).filter(|order| !order.is_empty()) {
-            match order {
-                "help" | "?" => self.say(HELP)?,
-                "quit" | "exit" => return Ok(true),
-                "where" => {
+        if line.len() as u64 > inputs::MAX_TYPED_BYTES {
+            self.refused += 1;
+            self.say(format_args!("err long: a line has at most {} bytes\n", inputs::MAX_TYPED_BYTES))?;
+            return Ok(false);
+        }
+        let parts = || without_comment(line).split(';').map(str::trim).filter(|part| !part.is_empty());
+        let of_console = |part: &str| {
+            let word = part.to_ascii_lowercase();
+            matches!(word.as_str(), "help" | "?" | "quit" | "exit" | "where").then_some(word)
+        };
+        // All orders of a line are one, wherever words of the console stand between them.
+        let mut orders: Vec<&str> = parts().filter(|part| of_console(part).is_none()).collect();
+        for part in parts() {
+            match of_console(part).as_deref() {
+                Some("help" | "?") => self.say(HELP)?,
+                Some("where") => {
                     let obeyed = self.remote.tell_motors(&[]).map_err(|error| drive_problem(error.into()))?;
                     self.say(format_args!("{}\n", written(&VerbReply::At { obeyed, axes: ALL })))?;
                 }
-                order => self.order(order)?,
+                Some(_) => return Ok(true),
+                None if orders.is_empty() => {}
+                None => self.order(&std::mem::take(&mut orders).join(";"))?,
             }
         }
         Ok(false)
     }
 
-    /// Sends an order.
+    /// Sends the orders of a line, all of them at one tick; or none, if one of them cannot be read.
     fn order(&mut self, line: &str) -> miette::Result<()> {
-        let line = match self.wiring.in_ticks(line, self.tick_hz as f64) {
-            Ok(line) => line,
-            Err(why) => {
-                self.refused += 1;
-                return self.say(format_args!("err speed: {why}\n"));
+        let parts: Vec<&str> = line.split(';').map(str::trim).filter(|part| !part.is_empty()).collect();
+        let mut told = Vec::with_capacity(parts.len());
+        for part in &parts {
+            // A line of one order needs no word about which.
+            let which =
+                if parts.len() == 1 { String::new() } else { format!("; nothing was done: `{part}` is of a line") };
+            match self.wiring.read_part(part, self.tick_hz as f64) {
+                Ok(orders) if orders.axes() != ALL && orders.axes() >> self.setup.motors.len() != 0 => {
+                    let there = names(|axis| axis < self.setup.motors.len());
+                    self.refused += 1;
+                    return self.say(format_args!("err flags 2: the axes are {there}{which}\n"));
+                }
+                Ok(orders) => told.push(orders),
+                Err(NotRead::Speed(why)) => {
+                    self.refused += 1;
+                    return self.say(format_args!("err speed: {why}{which}\n"));
+                }
+                Err(NotRead::Unknown) => return self.refuse("err command 1", &which),
+                Err(NotRead::Line(refusal)) => return self.refuse(&refusal, &which),
             }
-        };
-        match text::read(line.as_bytes()) {
-            VerbLine::Orders(told) if told.axes() != ALL && told.axes() >> self.setup.motors.len() != 0 => {
-                let there = names(|axis| axis < self.setup.motors.len());
-                self.refused += 1;
-                self.say(format_args!("err flags 2: the axes are {there}\n"))
-            }
-            VerbLine::Orders(told) => self.tell(&told),
-            VerbLine::Unknown => self.refuse("err command 1"),
-            VerbLine::Refused(what, word) => self.refuse(&written(&VerbReply::Unread(what, word))),
         }
+        self.tell(&told)
     }
 
-    fn refuse(&mut self, said: &str) -> miette::Result<()> {
+    fn refuse(&mut self, said: &str, which: &str) -> miette::Result<()> {
         self.refused += 1;
         let means = meaning(said).map_or_else(String::new, |means| format!(": {means}"));
-        self.say(format_args!("{said}{means}\n"))
+        self.say(format_args!("{said}{means}{which}\n"))
     }
 
-    fn tell(&mut self, told: &LineOrders) -> miette::Result<()> {
-        let orders = told.orders().into_iter().flat_map(|orders| orders.iter().collect::<Vec<_>>());
+    fn tell(&mut self, told: &[LineOrders]) -> miette::Result<()> {
+        let axes = told.iter().fold(0, |axes, told| axes | told.axes());
+        let orders = told.iter().filter_map(LineOrders::orders).flat_map(|orders| orders.iter().collect::<Vec<_>>());
         // `halt` alone is of all axes that are there.
         let orders: Vec<(u8, Verb)> = orders.filter(|(axis, _)| usize::from(*axis) < self.setup.motors.len()).collect();
         match self.remote.tell_motors(&orders) {
@@ -654,10 +715,15 @@ impl<'a, P: Port, T: Person> VerbSession<'a, P, T> {
                     self.axes[usize::from(axis)].hear(verb, obeyed.tick);
                 }
                 self.events()?;
-                self.say(format_args!("{}\n", written(&VerbReply::At { obeyed, axes: told.axes() })))
+                self.say(format_args!("{}\n", written(&VerbReply::At { obeyed, axes })))
             }
             Err(RemoteError::Refused { reason: reason @ (Reason::Period | Reason::Busy), detail, .. }) => {
-                self.refuse(&written(&VerbReply::Refused(Refusal { reason, detail })))
+                let which = if told.len() > 1 { "; no part of the line was done" } else { "" };
+                self.refuse(&written(&VerbReply::Refused(Refusal { reason, detail })), which)
+            }
+            Err(error @ RemoteError::TooManyOrders { .. }) => {
+                self.refused += 1;
+                self.say(format_args!("err orders: {error}; no part of the line was done\n"))
             }
             Err(error) => Err(drive_problem(error.into())),
         }

@@ -2,6 +2,8 @@
 
 use crate::arguments;
 use crate::arguments::{Alignment, Motion};
+use crate::files::inputs;
+use crate::files::outputs::{self, Destination};
 use clap::Args;
 use miette::miette;
 use pulsetrain_motion::Time;
@@ -14,7 +16,7 @@ use std::path::PathBuf;
 use super::film::{film_picture, wheel_of};
 use super::hints;
 use crate::consent::{self, Consent};
-use crate::console::{self, Console, Exit};
+use crate::console::{Console, Exit};
 use crate::diagnostic::advised;
 use crate::load;
 use pulsetrain_report::run_report::VerdictText;
@@ -71,7 +73,10 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
     let length = args.motion.length.or(args.until.map(|until| until + Time::SECOND));
     let (prepared, wheels) = load::with_wheels(&args.motion.file, args.motion.board.as_deref())?;
     let shown = args.capture.display();
-    let bytes = console::read(&args.capture)?;
+    let bytes = inputs::bytes(&args.capture, inputs::MAX_CAPTURE_BYTES)?;
+    if let Some(path) = &args.plot {
+        outputs::claim(&Destination::new(path, "--plot"))?;
+    }
     let mut capture = capture::read(&bytes).map_err(|error| {
         let help =
             "captures are VCD, CSV of Saleae's or PulseView's, steps.csv, or a camera's track: CSV of time and angle";
@@ -137,8 +142,9 @@ pub(crate) fn run(args: &VerifyArgs, console: &mut Console<'_>) -> miette::Resul
                 verdict::judge_film(track, program, args.motor.as_deref(), wheel, &options).map_err(no_verdict)?;
             if let Some(path) = &args.plot {
                 let svg = film_picture(&report, &args.capture, &args.motion.file).svg();
-                console::write(
+                outputs::write(
                     path,
+                    "--plot",
                     svg.map_err(|error| miette!("cannot draw {}: {error}", path.display()))?.as_bytes(),
                 )?;
             }

@@ -2,14 +2,17 @@
 
 use crate::arguments;
 use crate::arguments::WinchAt;
+use crate::console::Access;
+use crate::files::inputs::{InputLine, MAX_TYPED_BYTES, next_line};
+use crate::files::outputs;
 use clap::Args;
 use pulsetrain_board::BoardKind;
 use pulsetrain_board::profiles::Role;
 use pulsetrain_motion::Time;
-use std::io::{BufRead, IsTerminal, stdin, stdout};
+use std::io::{IsTerminal, stdin, stdout};
 use std::path::Path;
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, channel};
+use std::sync::mpsc::{Receiver, sync_channel};
 use std::thread;
 
 use miette::{Report, miette};
@@ -85,6 +88,8 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
         let help = "say --out DIR, a folder in which you may write; nothing was sent";
         miette!(help = help, "{}", access("make", &folder, error))
     })?;
+    let files = ["report.json", "plot.svg", "statuses.csv", "steps.csv", "trace.vcd"];
+    outputs::claim_all(&folder, &files, "--out")?;
     let (run, judged) = match &args.at.port {
         Some(port) => {
             let (mut talk, board) = connect_at(port)?;
@@ -107,9 +112,9 @@ pub(crate) fn run(args: &WinchArgs, console: &mut Console<'_>) -> miette::Result
         console.print(&report)?;
     }
     let text = format!("{}\n", console::json(&report)?);
-    let written = console::write(&folder.join("report.json"), text.as_bytes())
+    let written = outputs::write(&folder.join("report.json"), "--out", text.as_bytes())
         .map_err(Report::from)
-        .and_then(|()| draw(&picture, &folder.join("plot.svg")))
+        .and_then(|()| draw(&picture, &folder.join("plot.svg"), "--out"))
         .and_then(|()| write_files(&run, &folder, &options, report.verdict.is_some()));
     // What the axes did is printed even if a file could not be written.
     report.unwritten = written.as_ref().err().map(ToString::to_string);
@@ -226,11 +231,11 @@ fn write_files(run: &Run, folder: &Path, options: &WinchOptions, has_edges: bool
     for Status { usec, positions: [x, y, z, a] } in &run.statuses {
         table.push_str(&format!("{:.6},{x},{y},{z},{a}\n", (*usec as f64 - begin_us) * 1e-6));
     }
-    console::write(&folder.join("statuses.csv"), table.as_bytes())?;
+    outputs::write(&folder.join("statuses.csv"), "--out", table.as_bytes())?;
     if !has_edges {
         return Ok("statuses.csv");
     }
-    let broken = |error| access("write", folder, error);
+    let broken = |error| Access::write(folder, "--out", error);
     // Ticks in both files count by the board's clock.
     let WinchOptions { step, dir, .. } = *options;
     let last = run.edges.iter().map(|edge| edge.line).chain(step).chain(dir).max().unwrap_or(0);
@@ -240,10 +245,10 @@ fn write_files(run: &Run, folder: &Path, options: &WinchOptions, has_edges: bool
         lines[usize::from(dir)].names.insert(0, format!("{axis}.dir"));
     }
     let trace = Trace { tick_hz: run.tick_hz, lines, edges: run.edges.clone() };
-    vcd_file::write(&trace, console::create(&folder.join("trace.vcd"))?).map_err(broken)?;
+    vcd_file::write(&trace, outputs::create(&folder.join("trace.vcd"), "--out")?).map_err(broken)?;
     let names = AXES.map(String::from);
-    let mut rows =
-        steps::StepWriter::new(console::create(&folder.join("steps.csv"))?, run.tick_hz, &names).map_err(broken)?;
+    let mut rows = steps::StepWriter::new(outputs::create(&folder.join("steps.csv"), "--out")?, run.tick_hz, &names)
+        .map_err(broken)?;
     let mut forward = [false; 4];
     for edge in &run.edges {
         if let Some(axis) = dir.iter().position(|line| *line == edge.line) {
@@ -273,13 +278,13 @@ fn run_console<P: Port>((mut talk, board): (Talk<P>, String), console: &mut Cons
         console.print(format_args!("{board}; `help` lists the commands, Ctrl-C stops all axes, `quit` ends\n"))?;
         // The screen shows positions as they change.
         talk.tell(&talk.as_wanted("srate 50")).map_err(port_problem)?;
-        let ended = Terminal::new(console.out, STOP)
+        let ended = Terminal::new(console.out.screen(), STOP)
             .map_err(ConsoleError::from)
             .and_then(|mut terminal| converse(&mut talk, &mut terminal));
         // Back to the usual interval. If the port is gone, that is reported already.
         ended.and_then(|_| Ok(talk.tell(&talk.as_wanted("srate 200"))?)).map(|()| Exit::Success)
     } else {
-        match converse(&mut talk, &mut Plain::new(typed(), console.out)) {
+        match converse(&mut talk, &mut Plain::new(typed(), &mut console.out)) {
             Ok(Ended { refused: 0, is_settled: true }) => Ok(Exit::Success),
             // Also a script with a refused line ends with this exit code.
             Ok(_) => Ok(Exit::BoundBroken),
@@ -294,14 +299,18 @@ fn run_console<P: Port>((mut talk, board): (Talk<P>, String), console: &mut Cons
     })
 }
 
-/// Lines of standard input, as they come.
+/// Lines of standard input that wait. Whoever writes more waits, too.
+const MAX_WAITING_LINES: usize = 64;
+
+/// Lines of standard input, as they come. Of one that is longer than an order can be the beginning comes, which is too long, too.
 pub(super) fn typed() -> Receiver<String> {
-    let (to_console, lines) = channel();
+    let (to_console, lines) = sync_channel(MAX_WAITING_LINES);
     // The thread ends with the input, or with the program.
     thread::spawn(move || {
-        for line in stdin().lock().split(b'\n').map_while(Result::ok) {
+        let (mut input, mut line) = (stdin().lock(), Vec::new());
+        while let Ok(InputLine::Whole | InputLine::TooLong) = next_line(&mut input, &mut line, MAX_TYPED_BYTES) {
             // A line that is not text goes to the board, which refuses it.
-            if to_console.send(String::from_utf8_lossy(&line).into_owned()).is_err() {
+            if to_console.send(String::from_utf8_lossy(&line).trim_end_matches('\n').to_owned()).is_err() {
                 return;
             }
         }

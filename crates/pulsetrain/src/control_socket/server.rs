@@ -13,6 +13,7 @@ use super::client::{ENDING, folder};
 use super::hub::{ClientKind, Hub, HubLines, HubSender, JoinError, LONG_LINE_TIME, PATIENCE};
 use super::{LONGEST_LINE, LONGEST_MOTION_LINE, MOST_TOGETHER, RunLine, SocketError};
 use crate::clock::Onward;
+use crate::files::outputs::rename_own;
 
 /// A run's socket. It goes away with this value.
 #[derive(Debug)]
@@ -28,7 +29,7 @@ impl ControlSocket {
         let (hidden, path) = (folder.join(format!(".{name}")), folder.join(format!("{name}.{ENDING}")));
         let access = |error: io::Error| SocketError::Access { path: path.clone(), error };
         let listener = bind(&hidden).map_err(access)?;
-        fs::rename(&hidden, &path).map_err(access)?;
+        rename_own(&hidden, &path).map_err(access)?;
         let hub = hub.clone();
         let accepts = thread::Builder::new().name("control socket".into()).spawn(move || accept(&listener, &hub));
         match accepts {

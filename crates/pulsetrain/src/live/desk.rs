@@ -8,13 +8,14 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use pulsetrain_motion::file::{Contents, Cue, FileError, Live, ParameterValue, Sheet, Source};
+use pulsetrain_motion::file::{Contents, Cue, FileError, Live, MOST_OF_A_NAMED_FILE, ParameterValue, Sheet, Source};
 use pulsetrain_motion::program::{PositionUnits, Program};
 use pulsetrain_motion::quantity::{Quantity, nearest};
 use pulsetrain_motion::{Law, Time};
 use pulsetrain_session::prepare::Prepared;
 
 use crate::control_socket::{KnobInfo, KnobValue};
+use crate::files::inputs;
 use pulsetrain_report::positions::{START, check_range, example_position, start};
 
 /// The files that a motion file names, by the names that it gives them.
@@ -129,7 +130,7 @@ impl Desk {
     /// # Errors
     /// If the file is wrong.
     pub fn open(path: &Path, board: Option<&str>) -> Result<(Desk, Contents), FileError> {
-        let sheet = Sheet::open(path)?;
+        let sheet = Sheet::open(path, &inputs::text)?;
         let (name, text) = (sheet.source().name(), sheet.source().text());
         Desk::of(text, name, path.parent().unwrap_or(Path::new("")).to_owned(), board, None)
     }
@@ -560,7 +561,9 @@ impl Desk {
     pub fn with_file(&self, text: &str, files: &FileTexts) -> Result<Desk, Box<NoMotion>> {
         let mut known = self.files();
         known.extend(files.clone());
-        let cache = FileCache { read: Mutex::new(known), is_closed: self.files.is_closed };
+        // A text may come from a page or over a socket: it names what this motion has read, or what came with it, and reads nothing else of this
+        // computer. Whoever watches the file on the disk sends what it names with it.
+        let cache = FileCache { read: Mutex::new(known), is_closed: true };
         let read = Desk::with_cache(text, &self.name, self.folder.clone(), self.board.as_deref(), cache);
         let (mut desk, contents) = read.map_err(|error| Box::new(NoMotion::File(error)))?;
         let prepared = Prepared::new(self.name.clone(), contents, self.board.as_deref());
@@ -632,9 +635,9 @@ impl FileCache {
             return Ok(text.clone());
         }
         if self.is_closed {
-            return Err(io::ErrorKind::NotFound.into());
+            return Err(io::Error::other("a motion that is sent names only files that the motion named before"));
         }
-        let text = pulsetrain_motion::file::named_text(&folder.join(named))?;
+        let text = inputs::text(&folder.join(named), MOST_OF_A_NAMED_FILE)?;
         self.lock().insert(named.to_owned(), text.clone());
         Ok(text)
     }

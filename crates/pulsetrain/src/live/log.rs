@@ -12,6 +12,9 @@ use serde::{Deserialize, Serialize};
 
 use super::desk::FileTexts;
 use crate::control_socket::{Happened, Request};
+use crate::files::inputs::{InputLine, MAX_LOG_LINE_BYTES, next_line};
+
+const _: () = assert!(MAX_LOG_LINE_BYTES == 200_000_000, "the message says so");
 
 /// The version of these lines.
 pub const VERSION: u32 = 1;
@@ -106,6 +109,9 @@ pub enum LogError {
         /// Why not.
         error: serde_json::Error,
     },
+    /// A line is longer than those of a log.
+    #[error("line {0} is none of a log of `pulsetrain live`: it has more than 200 MB")]
+    LongLine(usize),
     /// Another version wrote it.
     #[error("it has version {0} of the log's lines; this program reads version {VERSION}")]
     Version(u32),
@@ -121,23 +127,24 @@ impl Replay {
     /// If it is no log.
     pub fn read(mut input: impl BufRead) -> Result<Replay, LogError> {
         let (mut head, mut lines) = (None, Vec::new());
-        let mut text = String::new();
+        let mut text = Vec::new();
         for line in 1.. {
-            text.clear();
-            input.read_line(&mut text)?;
-            if !text.ends_with('\n') {
+            if next_line(&mut input, &mut text, MAX_LOG_LINE_BYTES)? == InputLine::TooLong {
+                return Err(LogError::LongLine(line));
+            }
+            if !text.ends_with(b"\n") {
                 break;
             }
             let error = |error| LogError::Line { line, error };
             match &head {
                 None => {
-                    let read: LogHead = serde_json::from_str(&text).map_err(error)?;
+                    let read: LogHead = serde_json::from_slice(&text).map_err(error)?;
                     if read.pulsetrain_log != VERSION {
                         return Err(LogError::Version(read.pulsetrain_log));
                     }
                     head = Some(read);
                 }
-                Some(_) => lines.push(serde_json::from_str(&text).map_err(error)?),
+                Some(_) => lines.push(serde_json::from_slice(&text).map_err(error)?),
             }
         }
         Ok(Replay { head: head.ok_or(LogError::Empty)?, lines })

@@ -11,6 +11,7 @@ use crossterm::terminal::{self, Clear, ClearType};
 use pulsetrain_motion::human;
 use pulsetrain_session::control::{Command, Event, Status};
 
+use crate::clean::clean;
 use crate::control_socket::RunInfo;
 use crate::live::{Happened, LiveEvent, Request};
 
@@ -83,7 +84,7 @@ impl<'a> LiveScreen<'a> {
     pub(crate) fn print(&mut self, text: &str) -> io::Result<()> {
         self.erase()?;
         for line in text.lines() {
-            self.out.queue(Print(line))?.queue(Print("\r\n"))?;
+            self.out.queue(Print(clean(line)))?.queue(Print("\r\n"))?;
         }
         self.draw()
     }
@@ -131,7 +132,7 @@ impl<'a> LiveScreen<'a> {
             if index > 0 {
                 self.out.queue(Print("\r\n"))?;
             }
-            self.out.queue(Print(row.chars().take(most).collect::<String>()))?;
+            self.out.queue(Print(clean(&row.chars().take(most).collect::<String>())))?;
         }
         self.drawn = rows.len() as u16;
         self.out.flush()

@@ -4,12 +4,16 @@
 //! file in the old one's place, where notices of the system do not come; and a text that is only half written has changed again at the next look.
 //! A large file is read only if its size or its time has changed, and every ten seconds.
 
+use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fs::Metadata;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
+use pulsetrain_motion::file::{MOST_OF_A_NAMED_FILE, Sheet};
+
 use super::desk::FileTexts;
+use crate::files::inputs;
 
 /// A file that is looked at again and again.
 #[derive(Clone, Debug)]
@@ -52,7 +56,7 @@ impl Watched {
             return if fresh.is_some() { self.see(fresh) } else { None };
         }
         self.read = (said.len() > LARGE).then_some((said, 0));
-        let text = pulsetrain_motion::file::named_text(&self.path).ok();
+        let text = inputs::text(&self.path, MOST_OF_A_NAMED_FILE).ok();
         self.see(text)
     }
 
@@ -97,14 +101,39 @@ impl WatchedFiles {
         WatchedFiles { folder, motion, text: known.to_owned(), named: BTreeMap::new(), changed: FileTexts::new() }
     }
 
+    /// Reads the files that a changed text names, and that the motion does not have: it reads none by itself.
+    fn read_named(&mut self, text: &str, in_force: &FileTexts) {
+        let read: RefCell<FileTexts> = RefCell::default();
+        let load = |named: &Path| {
+            let known = in_force.get(named).map(|text| self.changed.get(named).unwrap_or(text).clone());
+            if let Some(text) = known.or_else(|| read.borrow().get(named).cloned()) {
+                return Ok(text);
+            }
+            let text = inputs::text(&self.folder.join(named), MOST_OF_A_NAMED_FILE)?;
+            read.borrow_mut().insert(named.to_owned(), text.clone());
+            Ok(text)
+        };
+        // What is wrong with it is said when the motion is asked for it.
+        drop(Sheet::parse(text, "").and_then(|sheet| sheet.contents(&load)));
+        self.changed.extend(read.into_inner());
+    }
+
     /// Looks at all of them. `in_force` are the named files as the motion has them. If one has changed: the motion file's text, and the named files that
     /// differ from those in force.
     pub fn look(&mut self, in_force: &FileTexts) -> Option<(String, FileTexts)> {
         let mut has_changed = false;
         if let Some(text) = self.motion.look() {
+            self.read_named(&text, in_force);
             (self.text, has_changed) = (text, true);
         }
-        for (name, text) in in_force {
+        // Those of a text that was refused, too: a change of one may mend it.
+        let others: FileTexts = self
+            .changed
+            .iter()
+            .filter(|(name, _)| !in_force.contains_key(*name))
+            .map(|(name, text)| (name.clone(), text.clone()))
+            .collect();
+        for (name, text) in in_force.iter().chain(&others) {
             let path = self.folder.join(name);
             let watched = self.named.entry(name.clone()).or_insert_with(|| Watched::new(&path, text));
             if let Some(text) = watched.look() {

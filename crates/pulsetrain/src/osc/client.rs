@@ -1,6 +1,6 @@
 //! OSC as a client of a motion's hub.
 
-use std::net::SocketAddr;
+use std::net::{SocketAddr, UdpSocket};
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::{self, JoinHandle};
@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use pulsetrain_session::control::{Ended, Event};
 
-use super::{Agenda, Group, Now, OscError, OscInfo, OscServer, OscSettings};
+use super::{Agenda, Group, Now, OscError, OscInfo, OscServer, OscSettings, listen};
 use crate::control_socket::{ClientKind, Ending, Hub, HubLines, HubSender, RunEnded, RunInfo, RunLine};
 use crate::live::{Happened, Request};
 
@@ -24,10 +24,18 @@ const LOOK: Duration = Duration::from_millis(100);
 /// # Errors
 /// If the address cannot be used, or the system has no more threads.
 pub fn serve_osc(hub: &Hub, settings: OscSettings) -> Result<SocketAddr, OscError> {
+    serve_osc_on(hub, listen(settings.address)?, settings.reply_port)
+}
+
+/// As [`serve_osc`], at a socket that [listens](listen) already: the port was free before anything moved.
+///
+/// # Errors
+/// If the system has no more threads.
+pub fn serve_osc_on(hub: &Hub, socket: UdpSocket, reply_port: Option<u16>) -> Result<SocketAddr, OscError> {
     let client = hub.join(ClientKind::Osc).map_err(|error| OscError::Thread(std::io::Error::other(error)))?;
     client.follow(true);
     let (sender, groups) = sync_channel(MOST_WAITING);
-    let server = Arc::new(OscServer::open(settings, info_of(&hub.info()), sender)?);
+    let server = Arc::new(OscServer::on(socket, reply_port, info_of(&hub.info()), sender)?);
     let (requests, lines) = client.split();
     let (hub, passing) = (hub.clone(), Arc::clone(&server));
     let spawn = |name: &str| thread::Builder::new().name(name.into());
@@ -100,7 +108,6 @@ mod tests {
     use crate::control_socket::{LiveEvent, Together};
     use pulsetrain_session::control::Command;
     use rosc::{OscPacket, OscType};
-    use std::net::UdpSocket;
     use std::sync::mpsc::channel;
 
     /// A client hears that the motors brake, and how the motion ends.

@@ -18,7 +18,7 @@ mod server;
 mod time_tag;
 mod translator;
 
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::{Ipv4Addr, SocketAddr, UdpSocket};
 use std::time::{Instant, SystemTime};
 
 use miette::Diagnostic;
@@ -27,8 +27,8 @@ use crate::control_socket::MotorInfo;
 use crate::live::{KnobInfo, Request};
 
 pub use agenda::{Agenda, MOST_PLANNED};
-pub use client::serve_osc;
-pub use server::{OscCounts, OscServer};
+pub use client::{serve_osc, serve_osc_on};
+pub use server::{OscCounts, OscServer, listen};
 pub use translator::{OscReply, Translation, Translator};
 
 /// The longest packet, bytes. Longer ones are refused.
@@ -77,6 +77,21 @@ impl Now {
     #[must_use]
     pub fn read() -> Now {
         Now { instant: Instant::now(), system: SystemTime::now() }
+    }
+}
+
+/// Where a server itself is: answers never go there, and what comes from there is no order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OwnAddress(pub SocketAddr);
+
+impl OwnAddress {
+    /// Whether packets to an address come to this server, or those from it are its own.
+    #[must_use]
+    pub fn is(&self, other: SocketAddr) -> bool {
+        let (own, other_ip) = (self.0.ip().to_canonical(), other.ip().to_canonical());
+        // An address to which a socket can be bound is one of this computer.
+        let is_here = || other_ip.is_unspecified() || UdpSocket::bind((other_ip, 0)).is_ok();
+        self.0.port() == other.port() && (own == other_ip || (own.is_unspecified() && is_here()))
     }
 }
 

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use pulsetrain_session::control::Event;
 
-use super::{Group, LONGEST_PACKET, Now, OscError, OscInfo, OscReply, OscSettings, Translator};
+use super::{Group, LONGEST_PACKET, Now, OscError, OscInfo, OscReply, OscSettings, OwnAddress, Translator};
 use crate::live::Happened;
 
 /// How long the receiving thread waits for a packet before it looks whether it is to end.
@@ -58,11 +58,23 @@ pub struct OscServer {
 #[derive(Debug)]
 struct OscShared {
     socket: UdpSocket,
+    own: OwnAddress,
     translator: Mutex<Translator>,
     is_over: AtomicBool,
     flooded: AtomicU64,
     overrun: AtomicU64,
     untold: AtomicU64,
+}
+
+/// Listens at an address.
+///
+/// # Errors
+/// [`OscError::Listen`] if the system does not give the address or the port.
+pub fn listen(address: SocketAddr) -> Result<UdpSocket, OscError> {
+    let refused = |why| OscError::Listen { address, why };
+    let socket = UdpSocket::bind(address).map_err(refused)?;
+    socket.set_read_timeout(Some(WAIT)).map_err(refused)?;
+    Ok(socket)
 }
 
 impl OscServer {
@@ -71,13 +83,25 @@ impl OscServer {
     /// # Errors
     /// [`OscError::Listen`] if the system does not give the address or the port, [`OscError::Thread`] if it starts no thread.
     pub fn open(settings: OscSettings, info: OscInfo, groups: SyncSender<Group>) -> Result<OscServer, OscError> {
-        let listen = |why| OscError::Listen { address: settings.address, why };
-        let socket = UdpSocket::bind(settings.address).map_err(listen)?;
-        socket.set_read_timeout(Some(WAIT)).map_err(listen)?;
-        let address = socket.local_addr().map_err(listen)?;
+        OscServer::on(listen(settings.address)?, settings.reply_port, info, groups)
+    }
+
+    /// As [`open`](OscServer::open), at a socket that [listens](listen) already.
+    ///
+    /// # Errors
+    /// As [`open`](OscServer::open).
+    pub fn on(
+        socket: UdpSocket,
+        reply_port: Option<u16>,
+        info: OscInfo,
+        groups: SyncSender<Group>,
+    ) -> Result<OscServer, OscError> {
+        let address = socket.local_addr().map_err(OscError::Thread)?;
+        let own = OwnAddress(address);
         let shared = Arc::new(OscShared {
             socket,
-            translator: Mutex::new(Translator::new(info, settings.reply_port)),
+            own,
+            translator: Mutex::new(Translator::new(info, reply_port).at(own)),
             is_over: AtomicBool::new(false),
             flooded: AtomicU64::new(0),
             overrun: AtomicU64::new(0),
@@ -178,6 +202,10 @@ impl OscShared {
                 }
             };
             failures = 0;
+            // What it sent itself is no order.
+            if self.own.is(from) {
+                continue;
+            }
             let now = Now::read();
             if !budget.has_room(now.instant) {
                 self.flooded.fetch_add(1, Ordering::Relaxed);
@@ -212,6 +240,9 @@ impl OscShared {
 
     fn send(&self, replies: &[OscReply]) {
         for OscReply { to, packet } in replies {
+            if self.own.is(*to) {
+                continue;
+            }
             // UDP promises nothing: a client that is gone hears nothing.
             drop(self.socket.send_to(packet, to));
         }

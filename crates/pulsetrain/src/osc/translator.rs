@@ -1,6 +1,6 @@
 //! Packets to groups of requests; what happens to replies.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 use std::net::{IpAddr, SocketAddr};
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use rosc::{OscBundle, OscMessage, OscPacket, OscType};
 
 use super::address::{self, Asked, Misunderstood};
 use super::time_tag::{self, Due, FARTHEST_AHEAD};
-use super::{Group, LONGEST_PACKET, Now, OscInfo};
+use super::{Group, LONGEST_PACKET, Now, OscInfo, OwnAddress};
 use crate::live::{Happened, KnobInfo, LiveCommand, LiveEvent, Request};
 
 /// A packet to send.
@@ -84,6 +84,22 @@ const MOST_ERRORS: u32 = 20;
 const MOST_ASKED: usize = 64;
 /// Times of the motion that differ by less are the same one, s: a tick of the board is in between.
 const SAME_TIME_S: f64 = 1e-5;
+/// Where clients hear the tempo, and the cue.
+const TEMPO: &str = "/pulsetrain/tempo";
+const CUE: &str = "/pulsetrain/cue";
+/// A cue that comes back within this time comes from a program that sends back what it hears.
+const ECHO_OF_A_CUE: Duration = Duration::from_millis(200);
+/// What is answered and never asked. Two programs that answer each other's answers never end.
+const ANSWERS: [&str; 8] = [
+    "/destIp",
+    "/error/command",
+    "/position",
+    "/positionList",
+    "/busy",
+    "/pulsetrain/ceiling",
+    "/pulsetrain/late",
+    "/pulsetrain/state",
+];
 /// What begins a bundle. Source: OSC 1.0, "OSC Bundles".
 const BUNDLE: &[u8] = b"#bundle\0";
 
@@ -105,6 +121,11 @@ const BUNDLE: &[u8] = b"#bundle\0";
 pub struct Translator {
     info: OscInfo,
     reply_port: Option<u16>,
+    /// Where it listens: no answer goes there.
+    own: Option<OwnAddress>,
+    /// What all clients heard last of each knob, of the tempo and of the cues, by address, and when: another program may send it back. Nothing is
+    /// there that an order has changed since.
+    told: BTreeMap<String, (Vec<OscType>, Instant)>,
     /// The one that sent last is the last.
     clients: Vec<OscClient>,
     status: Option<Status>,
@@ -125,6 +146,8 @@ impl Translator {
         Translator {
             info,
             reply_port,
+            own: None,
+            told: BTreeMap::new(),
             clients: Vec::new(),
             status: None,
             busy_until_s: None,
@@ -133,6 +156,17 @@ impl Translator {
             errors: None,
             counted: Counted::default(),
         }
+    }
+
+    /// A translator for a server that listens there.
+    #[must_use]
+    pub fn at(mut self, own: OwnAddress) -> Translator {
+        self.own = Some(own);
+        self
+    }
+
+    fn is_own(&self, address: SocketAddr) -> bool {
+        self.own.is_some_and(|own| own.is(address))
     }
 
     /// Other motors or knobs: the motion file was changed.
@@ -244,9 +278,21 @@ impl Translator {
         now: Now,
         translation: &mut Translation,
     ) -> Option<Request> {
+        if self.is_echo(message, from, now.instant) {
+            return None;
+        }
         let asked =
             address::read(message, &self.info).and_then(|asked| self.obey(asked, from, &mut translation.replies));
+        if let Ok(Some(_)) = &asked {
+            // What was told until now is changed by this order.
+            self.told.clear();
+        }
         asked.unwrap_or_else(|error| {
+            // An answer to an answer would be answered.
+            if ANSWERS.contains(&message.addr.as_str()) {
+                self.counted.refused += 1;
+                return None;
+            }
             self.refuse(error, from, now.instant, &mut translation.replies);
             None
         })
@@ -290,6 +336,11 @@ impl Translator {
             Asked::Listen(port) => {
                 let port = port.or(self.reply_port).unwrap_or(from.port());
                 let to = SocketAddr::new(from.ip(), port);
+                if self.is_own(to) {
+                    let why =
+                        format!("port {port} is the one at which Pulsetrain listens: name the one at which you do");
+                    return Err(why.into());
+                }
                 let is_new = !self.clients.iter().any(|client| (client.from, client.to) == (from, to));
                 self.client(from).to = to;
                 let mut arguments = match to.ip().to_canonical() {
@@ -316,8 +367,42 @@ impl Translator {
         Ok(None)
     }
 
+    /// Whether a message is what its sender's computer was told last, sent back: it asks for what is so already. A cue may be wanted again, by a
+    /// person, who takes longer.
+    fn is_echo(&self, message: &OscMessage, from: SocketAddr, now: Instant) -> bool {
+        self.clients.iter().any(|client| client.to.ip() == from.ip())
+            && self.told.get(&message.addr).is_some_and(|(arguments, at)| {
+                *arguments == message.args
+                    && (message.addr != CUE || now.saturating_duration_since(*at) < ECHO_OF_A_CUE)
+            })
+    }
+
     /// What the clients are to hear of what happened.
     pub fn happened(&mut self, happened: &Happened, now: Instant) -> Vec<OscReply> {
+        let replies = self.replies_to(happened, now);
+        match happened {
+            Happened::Session(Event::Tempo { rate, .. }) => {
+                self.note(TEMPO.to_owned(), OscType::Float(*rate as f32), now);
+            }
+            Happened::Live(LiveEvent::Set { knob, value, .. }) => {
+                self.note(address::knob_address(knob, &self.info), OscType::Float(*value as f32), now);
+            }
+            Happened::Live(LiveEvent::Refused { .. } | LiveEvent::Late { .. }) | Happened::Session(_) => {}
+            // Knobs may have other values now.
+            Happened::Live(LiveEvent::Cue { name, .. }) => {
+                self.told.clear();
+                self.note(CUE.to_owned(), OscType::String(name.clone()), now);
+            }
+            Happened::Live(_) => self.told.clear(),
+        }
+        replies
+    }
+
+    fn note(&mut self, address: String, argument: OscType, now: Instant) {
+        self.told.insert(address, (vec![argument], now));
+    }
+
+    fn replies_to(&mut self, happened: &Happened, now: Instant) -> Vec<OscReply> {
         let mut replies = Vec::new();
         match happened {
             Happened::Session(Event::Status(status)) => self.status(status, now, &mut replies),
@@ -331,7 +416,7 @@ impl Translator {
                 self.busy_until(*full_speed_s, &mut replies);
             }
             Happened::Session(Event::Tempo { rate, from_s, ceiling }) => {
-                self.all("/pulsetrain/tempo", &[OscType::Float(*rate as f32)], &mut replies);
+                self.all(TEMPO, &[OscType::Float(*rate as f32)], &mut replies);
                 self.ceiling("tempo", ceiling.as_deref(), &mut replies);
                 self.busy_until(*from_s, &mut replies);
             }
@@ -382,7 +467,7 @@ impl Translator {
                 self.busy_until(*until_s, replies);
             }
             LiveEvent::Cue { name, until_s, .. } => {
-                self.all("/pulsetrain/cue", &[OscType::String(name.clone())], replies);
+                self.all(CUE, &[OscType::String(name.clone())], replies);
                 self.busy_until(*until_s, replies);
             }
             LiveEvent::Goto { until_s, .. }
@@ -463,7 +548,10 @@ impl Translator {
         let exactly = self.clients.iter().find(|client| client.from == from);
         let elsewhere = |client: &&OscClient| client.from.ip() == from.ip() && client.to.port() != client.from.port();
         let known = exactly.or_else(|| self.clients.iter().rev().find(elsewhere));
-        known.map_or_else(|| SocketAddr::new(from.ip(), self.reply_port.unwrap_or(from.port())), |client| client.to)
+        let to = known
+            .map_or_else(|| SocketAddr::new(from.ip(), self.reply_port.unwrap_or(from.port())), |client| client.to);
+        // One that says our own port can still hear what is wrong.
+        if self.is_own(to) { from } else { to }
     }
 
     fn known_status(&self) -> Result<&Status, Misunderstood> {

@@ -1,6 +1,7 @@
 //! The connections of browsers: their limits, the page's files, and the WebSocket.
 
-use std::fs::File;
+use std::cell::Cell;
+use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, Shutdown, SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -8,6 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use pulsetrain_motion::file::open_named;
 use tungstenite::handshake::derive_accept_key;
 use tungstenite::protocol::frame::coding::{CloseCode, Data, OpCode};
 use tungstenite::protocol::frame::{CloseFrame, Frame};
@@ -19,8 +21,11 @@ use super::http::{self, Admitted, LONGEST_HEAD, RefusedRequest, Wanted};
 use super::{PageError, PageOptions};
 use crate::control_socket::{ClientKind, Hub, HubLines, HubSender, LONG_LINE_TIME, LONGEST_MOTION_LINE, Next};
 
-/// Connections at a time. Pages are fewer: the hub has 16 places for them.
+/// Connections at a time that were let in. Pages are fewer: the hub has 16 places for them.
 const MOST_CONNECTIONS: usize = 48;
+/// Connections at a time that have not said yet what they want. A further one takes the place of the oldest of the computer that has most of them: whoever
+/// says nothing keeps nobody out.
+const MAX_STRANGERS: usize = 48;
 /// How long the head of a request may take.
 const HEAD_PATIENCE: Duration = Duration::from_secs(5);
 /// How long a browser may take for what it gets.
@@ -71,8 +76,43 @@ struct PageState {
     hub: Hub,
     history: Arc<Mutex<History>>,
     options: PageOptions,
+    strangers: Mutex<Strangers>,
+    /// Connections that were let in.
     connections: AtomicUsize,
     is_over: AtomicBool,
+}
+
+/// Connections that have not said yet what they want.
+#[derive(Debug, Default)]
+struct Strangers {
+    /// The oldest first.
+    waiting: VecDeque<Stranger>,
+    next: u64,
+}
+
+#[derive(Debug)]
+struct Stranger {
+    number: u64,
+    from: IpAddr,
+    stream: TcpStream,
+}
+
+impl Strangers {
+    /// Adds a connection. If there are too many, another one is hung up.
+    fn push(&mut self, stream: TcpStream, from: IpAddr) -> u64 {
+        let count = |from: IpAddr, all: &VecDeque<Stranger>| all.iter().filter(|other| other.from == from).count();
+        if self.waiting.len() >= MAX_STRANGERS {
+            let most = self.waiting.iter().map(|stranger| count(stranger.from, &self.waiting)).max().unwrap_or(0);
+            let oldest = self.waiting.iter().position(|stranger| count(stranger.from, &self.waiting) == most);
+            if let Some(stranger) = oldest.and_then(|place| self.waiting.remove(place)) {
+                // Its thread wakes up, and ends.
+                drop(stranger.stream.shutdown(Shutdown::Both));
+            }
+        }
+        self.next += 1;
+        self.waiting.push_back(Stranger { number: self.next, from, stream });
+        self.next
+    }
 }
 
 impl Page {
@@ -85,7 +125,8 @@ impl Page {
         let thread = |error: io::Error| PageError::Thread { error };
         let history = History::keep(hub).map_err(thread)?;
         let (connections, is_over) = (AtomicUsize::new(0), AtomicBool::new(false));
-        let shared = Arc::new(PageState { hub: hub.clone(), history, options, connections, is_over });
+        let strangers = Mutex::default();
+        let shared = Arc::new(PageState { hub: hub.clone(), history, options, strangers, connections, is_over });
         let accepting = Arc::clone(&shared);
         thread::Builder::new().name("page".into()).spawn(move || accept(&listener, &accepting)).map_err(thread)?;
         Ok(Page { address, shared })
@@ -145,47 +186,63 @@ fn accept(listener: &TcpListener, shared: &Arc<PageState>) {
     }
 }
 
-/// Answers a connection in a thread of its own, if there are not too many.
-fn begin(mut stream: TcpStream, shared: &Arc<PageState>) {
-    let slot = Slot::take(shared);
+/// Answers a connection in a thread of its own.
+fn begin(stream: TcpStream, shared: &Arc<PageState>) {
     // A connection whose limits cannot be set is not served.
     let limits = stream.set_write_timeout(Some(WRITE_PATIENCE)).and_then(|()| stream.set_nodelay(true));
-    if limits.is_err() {
-        return;
-    }
-    let Some(slot) = slot else {
-        // An empty connection takes this at once.
-        let busy = "HTTP/1.1 503 Service Unavailable\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
-        drop(stream.write_all(busy.as_bytes()));
-        return;
-    };
+    let known = limits.and_then(|()| Ok((stream.try_clone()?, stream.peer_addr()?.ip())));
+    let Ok((own, from)) = known else { return };
+    let number = shared.strangers().push(own, from);
+    let slot = Slot { shared: Arc::clone(shared), number, is_let_in: Cell::new(false) };
     let answers = thread::Builder::new().name("page connection".into());
     // Without a thread the connection is closed.
     drop(answers.spawn(move || drop(answer(stream, &slot))));
 }
 
+impl PageState {
+    fn strangers(&self) -> MutexGuard<'_, Strangers> {
+        self.strangers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// A connection's slot among those at a time.
-struct Slot(Arc<PageState>);
+struct Slot {
+    shared: Arc<PageState>,
+    /// Its number among the strangers.
+    number: u64,
+    is_let_in: Cell<bool>,
+}
 
 impl Slot {
-    fn take(shared: &Arc<PageState>) -> Option<Slot> {
-        if shared.connections.fetch_add(1, Ordering::SeqCst) < MOST_CONNECTIONS {
-            return Some(Slot(Arc::clone(shared)));
+    /// Counts the connection among those that were let in: its request may have an answer. `false` if there are too many.
+    fn let_in(&self) -> bool {
+        let has_room = self.shared.connections.fetch_add(1, Ordering::SeqCst) < MOST_CONNECTIONS;
+        if has_room {
+            self.is_let_in.set(true);
+            self.leave_strangers();
+        } else {
+            self.shared.connections.fetch_sub(1, Ordering::SeqCst);
         }
-        shared.connections.fetch_sub(1, Ordering::SeqCst);
-        None
+        has_room
+    }
+
+    fn leave_strangers(&self) {
+        self.shared.strangers().waiting.retain(|stranger| stranger.number != self.number);
     }
 }
 
 impl Drop for Slot {
     fn drop(&mut self) {
-        self.0.connections.fetch_sub(1, Ordering::SeqCst);
+        self.leave_strangers();
+        if self.is_let_in.get() {
+            self.shared.connections.fetch_sub(1, Ordering::SeqCst);
+        }
     }
 }
 
 /// Reads a request, and answers it. Each connection has one.
 fn answer(mut stream: TcpStream, slot: &Slot) -> io::Result<()> {
-    let Slot(shared) = slot;
+    let shared = &slot.shared;
     // The address that the browser has reached, also where this listens at several.
     let address = stream.local_addr()?;
     let deadline = Instant::now() + HEAD_PATIENCE;
@@ -215,6 +272,10 @@ fn answer(mut stream: TcpStream, slot: &Slot) -> io::Result<()> {
     };
     match http::admit(&bytes[..head_len], address, shared.options.token.as_ref()) {
         Err(refused) => refuse(stream, &refused),
+        Ok(_) if !slot.let_in() => {
+            let why = format!("{MOST_CONNECTIONS} connections are open: close a page");
+            refuse(stream, &RefusedRequest { status: 503, why })
+        }
         Ok(Admitted { wanted: Wanted::Socket { key }, .. }) => talk(stream, &key, bytes.split_off(head_len), shared),
         Ok(Admitted { wanted: Wanted::File(path), sets_cookie, head_only }) => {
             let token = shared.options.token.as_ref().filter(|_| sets_cookie);
@@ -250,7 +311,7 @@ fn file(mut stream: TcpStream, path: &str, cookie: &str, head_only: bool, shared
         let text = shared.options.motion.lock().unwrap_or_else(PoisonError::into_inner).clone();
         send("text/plain; charset=utf-8", &saved("motion.toml"), &mut text.as_bytes(), text.len() as u64)?;
     } else if path == "/log.jsonl"
-        && let Some(mut log) = shared.options.log.as_ref().and_then(|path| File::open(path).ok())
+        && let Some((mut log, _)) = shared.options.log.as_ref().and_then(|path| open_named(path, u64::MAX - 1).ok())
     {
         // It may become longer meanwhile.
         let len = log.metadata()?.len();

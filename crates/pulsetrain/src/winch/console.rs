@@ -111,6 +111,8 @@ pub struct Ended {
 /// The next lines follow once the board has been silent for a while.
 const BURST: usize = 64;
 const SILENCE: Duration = Duration::from_millis(20);
+/// Lines that wait for the board.
+const MAX_WAITING: usize = 64;
 
 /// Connects a person with a board until the person ends it.
 ///
@@ -124,7 +126,10 @@ pub fn converse<P: Port>(talk: &mut Talk<P>, person: &mut impl Person) -> Result
     let mut free = talk.now();
     let (mut refused, mut is_ending, mut ended) = (0, false, None);
     loop {
-        for input in person.inputs()? {
+        // More lines of a program than that wait where they come from. A person's keys are read at once.
+        let has_room = waiting.len() < MAX_WAITING || person.shows_positions() || interrupt::wanted();
+        let inputs = if has_room { person.inputs()? } else { Vec::new() };
+        for input in inputs {
             match input {
                 ConsoleInput::Stop => {
                     waiting.clear();
@@ -235,8 +240,13 @@ impl Person for Plain<'_> {
             let is_first = !std::mem::replace(&mut self.has_stopped, true);
             return Ok(if is_first { vec![ConsoleInput::Stop, ConsoleInput::End] } else { vec![ConsoleInput::End] });
         }
+        /// A program that writes without an end leaves time for the board.
+        const MAX_LINES: usize = 64;
         let mut inputs = Vec::new();
         loop {
+            if inputs.len() == MAX_LINES {
+                return Ok(inputs);
+            }
             match self.lines.try_recv() {
                 Ok(line) => inputs.push(ConsoleInput::Line(line)),
                 Err(TryRecvError::Empty) => return Ok(inputs),

@@ -11,8 +11,8 @@ use pulsetrain_motion::{Time, file};
 use pulsetrain_trace::winch::Command;
 
 use super::talk::with_checksum;
-use crate::console;
 use crate::diagnostic::{Excerpt, WrongFile};
+use crate::files::inputs::{self, MAX_SCRIPT_BYTES};
 use pulsetrain_motion::human;
 
 /// Lines for a board, with their times.
@@ -57,12 +57,12 @@ const MOTION: &str = "toml";
 /// With the place in the file, if a strict board would refuse a line, or if times go back.
 pub fn load(path: &Path, length: Option<Time>) -> miette::Result<Script> {
     let (lines, duration) = if path.extension().is_some_and(|ending| ending == MOTION) {
-        let script = file::load_winch(path).map_err(WrongFile::from)?;
+        let script = file::load_winch(path, &inputs::text).map_err(WrongFile::from)?;
         // The motion file's own checks have passed. What is wrong now is a line that a law allows and a board does not.
         let lines = script.lines.iter().map(String::as_str).zip(script.places);
         (read(lines, &script.source)?, script.duration)
     } else {
-        let bytes = console::read(path).map_err(|error| miette::miette!(help = HELP, "{error}"))?;
+        let bytes = inputs::bytes(path, MAX_SCRIPT_BYTES).map_err(|error| miette::miette!(help = HELP, "{error}"))?;
         let text = String::from_utf8(bytes).map_err(|error| {
             let line = error.as_bytes()[..error.utf8_error().valid_up_to()].split(|byte| *byte == b'\n').count();
             miette::miette!(help = HELP, "{} is no text: line {line} is not UTF-8", path.display())

@@ -11,6 +11,8 @@ use crossterm::terminal::{self, Clear, ClearType};
 use crossterm::{QueueableCommand, queue};
 use pulsetrain_trace::winch::{AXES, Status};
 
+use crate::clean::clean;
+
 use super::console::{ConsoleInput, Person};
 use super::talk::{BoardLine, explain};
 
@@ -164,7 +166,14 @@ impl<W: Write> Screen<W> {
 
     /// Writes a line above the two rows.
     fn print(&mut self, line: &str, editor: &Editor) -> io::Result<()> {
-        queue!(self.out, MoveUp(1), MoveToColumn(0), Clear(ClearType::FromCursorDown), Print(line), Print("\r\n"))?;
+        queue!(
+            self.out,
+            MoveUp(1),
+            MoveToColumn(0),
+            Clear(ClearType::FromCursorDown),
+            Print(clean(line)),
+            Print("\r\n")
+        )?;
         self.rows(editor)
     }
 
@@ -176,7 +185,7 @@ impl<W: Write> Screen<W> {
         let room = most.saturating_sub(PROMPT.len());
         let (typed, cursor) = editor.shown(room);
         queue!(self.out, MoveToColumn(0), Clear(ClearType::FromCursorDown), Print(positions), Print("\r\n"))?;
-        queue!(self.out, Print(PROMPT), Print(typed), MoveToColumn((PROMPT.len() + cursor) as u16))?;
+        queue!(self.out, Print(PROMPT), Print(clean(&typed)), MoveToColumn((PROMPT.len() + cursor) as u16))?;
         self.out.flush()
     }
 }

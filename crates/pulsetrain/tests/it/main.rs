@@ -2,10 +2,12 @@
 #![allow(clippy::disallowed_methods, reason = "what tests compute may differ in the last digit")]
 
 mod bake;
+mod bounded;
 mod chips;
 mod commands;
 mod common;
 mod control;
+mod files;
 mod first_motion;
 mod flash;
 mod formula;

@@ -1,4 +1,5 @@
 //! A run from the text of a motion file to its report, without a disk and without a command line.
+#![allow(clippy::disallowed_methods, reason = "tests open their own files")]
 
 use std::io::{ErrorKind, Sink};
 use std::path::Path;

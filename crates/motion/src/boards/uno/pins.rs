@@ -18,7 +18,7 @@ pub enum PinKind {
     PortD,
     /// Everything on 8 to 13: port B.
     PortB,
-    /// Everything on 2 to 7, 12 and 13: port D, with two pins of port B for the fourth axis of a CNC shield.
+    /// Everything on 2 to 7, port D, and one motor with STEP on 12 and DIR on 13, two pins of port B: the fourth axis of a CNC shield.
     Shield,
 }
 
@@ -103,7 +103,7 @@ impl fmt::Display for PinKind {
             }
             PinKind::PortD => "every STEP and DIR on 2-7",
             PinKind::PortB => "every STEP and DIR on 8-13",
-            PinKind::Shield => "every STEP and DIR on 2-7, 12 and 13: the CNC shield",
+            PinKind::Shield => "every STEP and DIR on 2-7, and one motor with STEP 12 and DIR 13: the CNC shield",
         })
     }
 }
@@ -168,11 +168,19 @@ impl PinKind {
         let mut strays = Vec::new();
         for (index, motor) in motors.iter().enumerate() {
             let shared = motors.iter().enumerate().any(|(other, lines)| other != index && lines.dir == motor.dir);
-            let (step, dir) = match self {
-                PinKind::Compare => (matches!(motor.step, 9 | 10), matches!(motor.dir, 2..=8 | 11..=13) && !shared),
-                PinKind::PortD => (matches!(motor.step, 2..=7), matches!(motor.dir, 2..=7)),
-                PinKind::PortB => (matches!(motor.step, 8..=13), matches!(motor.dir, 8..=13)),
-                PinKind::Shield => (matches!(motor.step, 2..=7 | 12 | 13), matches!(motor.dir, 2..=7 | 12 | 13)),
+            let on = |pins: u16| [motor.step, motor.dir].map(|pin| pin < 16 && pins >> pin & 1 == 1);
+            // The table is the firmware's: what fits here, it drives.
+            let [step, dir] = match self {
+                PinKind::Compare => {
+                    let dirs = (uno::PORT_D_PINS | uno::PORT_B_PINS) & !uno::COMPARE_STEP_PINS;
+                    [on(uno::COMPARE_STEP_PINS)[0], on(dirs)[1] && !shared]
+                }
+                PinKind::PortD => on(uno::PORT_D_PINS),
+                PinKind::PortB => on(uno::PORT_B_PINS),
+                PinKind::Shield => match (motor.step, on(uno::PORT_D_PINS)) {
+                    (step, _) if step == uno::SHIELD_MOTOR.0 => [true, motor.dir == uno::SHIELD_MOTOR.1],
+                    (_, [step, dir]) => [step, dir],
+                },
             };
             let mut note = |fits: bool, line, pin| {
                 if !fits {
@@ -227,6 +235,20 @@ mod tests {
     fn a_shared_dir_line_is_the_ports() {
         assert_eq!(kind(&[(9, 8), (10, 8)]), Ok(PinKind::PortB));
         assert!(kind(&[(9, 2), (10, 2)]).is_err());
+    }
+
+    /// The firmware knows one motor on PORTB beside those on PORTD, and not a STEP or a DIR of one.
+    #[test]
+    fn a_motor_is_on_one_port() {
+        for (step, dir, stray) in [
+            (12, 5, "DIR of `b` (pin 5)"),
+            (5, 13, "DIR of `b` (pin 13)"),
+            (13, 12, "STEP of `b` (pin 13)"),
+            (13, 5, "STEP of `b` (pin 13)"),
+        ] {
+            let error = kind(&[(2, 3), (step, dir)]).unwrap_err();
+            assert!(error.to_string().contains(stray), "{error}");
+        }
     }
 
     #[test]

@@ -224,6 +224,11 @@ pub(super) fn is_unit(word: &str) -> bool {
 
 /// Those of `known` that a misspelt name is near to, the nearest first.
 pub(super) fn near<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Vec<&'a str> {
+    /// A longer word is no misspelt name.
+    const MAX_NAME_BYTES: usize = 200;
+    if name.len() > MAX_NAME_BYTES {
+        return Vec::new();
+    }
     let lower = name.to_lowercase();
     let length = lower.chars().count();
     let mut near: Vec<(usize, bool, bool, &str)> = known
