@@ -78,7 +78,6 @@ pub mod diagnostic;
 mod film;
 mod interrupt;
 mod last_positions;
-pub mod live;
 pub mod load;
 pub mod midi;
 pub mod osc;
@@ -90,6 +89,7 @@ pub mod winch;
 
 pub use pulsetrain_bake as bake;
 pub use pulsetrain_board as board;
+pub use pulsetrain_live as live;
 pub use pulsetrain_motion as motion;
 pub use pulsetrain_plan as plan;
 pub use pulsetrain_plot as plot;

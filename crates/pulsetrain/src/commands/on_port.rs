@@ -18,7 +18,8 @@ use super::problems::{clock_off, drive_problem, port_problem, run_problem};
 use super::rehearsal::Rehearsal;
 use super::run::{HowToRun, run_end, stopped_before_begin};
 use crate::console::{self, Console, Exit, access};
-use crate::control_socket::{Control, RunEnded};
+use crate::control_socket::Control;
+use crate::live::RunEnded;
 use crate::{interrupt, last_positions};
 use pulsetrain_motion::human;
 use pulsetrain_report::plan_report::{Column, PlanReport, summary};
@@ -177,7 +178,7 @@ pub(super) fn run(
             _ => {}
         }
         bar.follow(&event);
-        control.tell(&event);
+        control.publish(&event.into());
     });
     drop(bar);
     let planned = if proof.is_whole { proof.planned } else { driven.planned() };
