@@ -12,10 +12,9 @@
 use std::error::Error;
 use std::sync::mpsc::sync_channel;
 
-use pulsetrain::control_socket::MotorInfo;
-use pulsetrain::live::{Happened, KnobInfo, Request};
+use pulsetrain::live::{KnobInfo, MotorInfo, RunCommand, RunEvent};
 use pulsetrain::osc::{Now, OscInfo, OscServer, OscSettings, listen_address};
-use pulsetrain::session::control::{Command, Event, MotorStatus, Status};
+use pulsetrain::session::control::{MotorStatus, Status};
 use serde_json::json;
 
 /// Groups of requests that may wait to be printed.
@@ -40,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let status = |count: i64| {
         let motor = |position| MotorStatus { position, target: None, speed: Some(0.0), queue: (0, 0) };
         let motors = vec![motor(count), motor(-count)];
-        Happened::Session(Event::Status(Status { at_s: count as f64, lease_s: None, motors, lateness: None }))
+        RunEvent::Status(Status { at_s: count as f64, lease_s: None, motors, lateness: None })
     };
     for group in groups {
         let in_ms = group.due.saturating_duration_since(Now::read().instant).as_millis();
@@ -48,7 +47,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         count += 1;
         server.tell(&status(count));
         println!("{}", json!({ "in_ms": in_ms, "requests": group.requests }));
-        let stops = |request: &Request| matches!(request, Request::Session(Command::Stop | Command::StopNow));
+        let stops = |request: &RunCommand| request.is_stop();
         if group.requests.iter().any(stops) {
             break;
         }

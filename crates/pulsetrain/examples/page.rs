@@ -10,11 +10,11 @@ use std::path::Path;
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::time::Duration;
 
-use pulsetrain::control_socket::{Ending, Hub, RunEnded, RunInfo};
-use pulsetrain::live::{KnobInfo, KnobValue, LiveCommand, LiveEvent, Request};
+use pulsetrain::control_socket::{Hub, run_info};
+use pulsetrain::live::{Ending, KnobInfo, KnobValue, RunCommand, RunEnded, RunEvent};
 use pulsetrain::motion::file;
 use pulsetrain::page::{self, PageOptions};
-use pulsetrain::session::control::{Command, Event, MotorStatus, Status};
+use pulsetrain::session::control::{MotorStatus, Status};
 
 /// The file that the page shows. Its motors and its machine are those that are played.
 const FILE: &str = r#"board = "uno"
@@ -62,7 +62,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let port: u16 = std::env::args().nth(1).map_or(Ok(page::USUAL_PORT), |port| port.parse())?;
     let no_other_file = |_: &Path| Err(std::io::ErrorKind::NotFound.into());
     let program = file::read(FILE, "figure.toml", &no_other_file).map_err(|error| error.plain())?;
-    let mut info = RunInfo::new("figure.toml", &program, None, false);
+    let mut info = run_info("figure.toml", &program, None, false);
     info.is_live = true;
     info.cues = ["dawn", "noon", "dusk"].map(str::to_owned).into();
     info.knobs = vec![
@@ -73,7 +73,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     ];
     let max_speed: Vec<f64> = info.motors.iter().filter_map(|motor| motor.max_speed).collect();
     let steps_per_unit: Vec<f64> = info.motors.iter().map(|motor| motor.steps_per_unit).collect();
-    let (sender, requests) = channel();
+    let (sender, batches) = channel();
     let hub = Hub::of_live(info, sender);
     let (listener, token) = page::listen(SocketAddr::from((Ipv4Addr::LOCALHOST, port)))?;
     let options = PageOptions { token, ..PageOptions::default() };
@@ -91,72 +91,75 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut waiting = VecDeque::new();
     loop {
         let (from_s, until_s) = (at_s, at_s + EASE_S);
-        let next = waiting.pop_front().map_or_else(|| requests.recv_timeout(Duration::from_millis(50)), Ok);
-        match next {
-            Ok(together @ Request::Together(_)) => waiting.extend(together.each()),
-            Ok(Request::Session(command)) => match command {
-                Command::Pause => {
+        if waiting.is_empty() {
+            match batches.recv_timeout(Duration::from_millis(50)) {
+                Ok(batch) => waiting.extend(batch.commands),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        match waiting.pop_front() {
+            Some(command) => match command {
+                RunCommand::Pause => {
                     paused = true;
-                    hub.tell(&Event::Pausing { rests_s: until_s });
+                    hub.publish(&RunEvent::Pausing { rests_s: until_s });
                 }
-                Command::Resume if paused => {
+                RunCommand::Resume if paused => {
                     paused = false;
-                    hub.tell(&Event::Resuming { full_speed_s: until_s });
+                    hub.publish(&RunEvent::Resuming { full_speed_s: until_s });
                 }
-                Command::Resume => hub.tell(&Event::Refused { command, why: "it is not paused".to_owned() }),
-                Command::Tempo { rate: wanted } => {
+                RunCommand::Resume => {
+                    hub.publish(&RunEvent::Refused { command, why: "it is not paused".to_owned() });
+                }
+                RunCommand::Tempo { rate: wanted } => {
                     rate = wanted.clamp(0.01, 2.0);
                     let ceiling = (rate < wanted).then(|| "x: max_speed 200 mm/s".to_owned());
-                    hub.tell(&Event::Tempo { rate, from_s: until_s, ceiling });
+                    hub.publish(&RunEvent::Tempo { rate, from_s: until_s, ceiling });
                 }
-                Command::Stop => {
+                RunCommand::Stop => {
                     braking = Some(until_s);
                     rate = 0.0;
-                    hub.tell(&Event::Stopping { at_s });
+                    hub.publish(&RunEvent::Stopping { at_s });
                 }
-                Command::StopNow => {
-                    hub.tell(&Event::StoppedAtOnce { positions: vec![0; 2], uncertain: vec![true; 2] });
+                RunCommand::StopNow => {
+                    hub.publish(&RunEvent::StoppedAtOnce { positions: vec![0; 2], uncertain: vec![true; 2] });
                     break;
                 }
-            },
-            Ok(Request::Live(command)) => match command {
-                LiveCommand::Set { knob, value } => set(&hub, knob, value, (from_s, until_s)),
-                LiveCommand::Go | LiveCommand::Back | LiveCommand::Cue { .. } => {
+                RunCommand::Set { knob, value } => set(&hub, knob, value, (from_s, until_s)),
+                RunCommand::Go | RunCommand::Back | RunCommand::Cue { .. } => {
                     let names = hub.info().cues;
                     cue = match &command {
-                        LiveCommand::Go => (cue + 1) % names.len(),
-                        LiveCommand::Back => (cue + names.len() - 1) % names.len(),
+                        RunCommand::Go => (cue + 1) % names.len(),
+                        RunCommand::Back => (cue + names.len() - 1) % names.len(),
                         _ => names
                             .iter()
-                            .position(|name| command == LiveCommand::Cue { name: name.clone() })
+                            .position(|name| command == RunCommand::Cue { name: name.clone() })
                             .unwrap_or(cue),
                     };
-                    hub.tell_live(&LiveEvent::Cue { name: names[cue].clone(), from_s, until_s });
+                    hub.publish(&RunEvent::Cue { name: names[cue].clone(), from_s, until_s });
                 }
-                LiveCommand::Goto { position } => hub.tell_live(&LiveEvent::Goto { position, from_s, until_s }),
-                LiveCommand::Motion { text: changed, .. } => {
-                    match file::read(&changed, "figure.toml", &no_other_file) {
-                        Ok(_) => {
-                            *text.lock().expect("no other thread has failed") = changed;
-                            hub.tell_live(&LiveEvent::Motion { from_s, until_s });
-                        }
-                        Err(error) => {
-                            let at = error.problems().first().map(|problem| problem.place());
-                            let number = |at: Option<usize>| at.and_then(|at| u32::try_from(at).ok());
-                            let (line, column) = (number(at.map(|at| at.0)), number(at.map(|at| at.1)));
-                            let error = error.problems().first().map_or("", |problem| problem.message()).to_owned();
-                            hub.tell_live(&LiveEvent::MotionRefused { error, line, column });
-                        }
+                RunCommand::Goto { position } => hub.publish(&RunEvent::Goto { position, from_s, until_s }),
+                RunCommand::Motion { text: changed, .. } => match file::read(&changed, "figure.toml", &no_other_file) {
+                    Ok(_) => {
+                        *text.lock().expect("no other thread has failed") = changed;
+                        hub.publish(&RunEvent::Motion { from_s, until_s });
                     }
-                }
-                command @ (LiveCommand::Begin | LiveCommand::Rest { .. } | LiveCommand::Here { .. }) => {
-                    hub.tell_live(&LiveEvent::Refused {
+                    Err(error) => {
+                        let at = error.problems().first().map(|problem| problem.place());
+                        let number = |at: Option<usize>| at.and_then(|at| u32::try_from(at).ok());
+                        let (line, column) = (number(at.map(|at| at.0)), number(at.map(|at| at.1)));
+                        let error = error.problems().first().map_or("", |problem| problem.message()).to_owned();
+                        hub.publish(&RunEvent::MotionRefused { error, line, column });
+                    }
+                },
+                command @ (RunCommand::Begin | RunCommand::Rest { .. } | RunCommand::Here { .. }) => {
+                    hub.publish(&RunEvent::Refused {
                         command,
                         why: "this example has no schedule and no board".to_owned(),
                     });
                 }
             },
-            Err(RecvTimeoutError::Timeout) => {
+            None => {
                 let ease = |now: &mut f64, wanted: f64| *now += (wanted - *now) * STEP_S * 4.0 / EASE_S;
                 ease(&mut rate_now, if paused { 0.0 } else { rate });
                 now.iter_mut().zip(&hub.info().knobs).for_each(|(now, knob)| ease(now, knob.value));
@@ -173,12 +176,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                     MotorStatus { position: target.round() as i64, target: target_now, speed, queue }
                 });
                 let lease_s = Some(0.4 + 0.05 * (at_s * 3.0).sin());
-                hub.tell(&Event::Status(Status { at_s, lease_s, motors: motors.into(), lateness: None }));
+                hub.publish(&RunEvent::Status(Status { at_s, lease_s, motors: motors.into(), lateness: None }));
                 if braking.is_some_and(|until_s| at_s > until_s) {
                     break;
                 }
             }
-            Err(RecvTimeoutError::Disconnected) => break,
         }
     }
     hub.end(&RunEnded { ended: Ending::Stopped, why: None, motors: Vec::new(), way_back: None, moved: true });
@@ -186,16 +188,16 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
 }
 
 fn set(hub: &Hub, name: String, value: KnobValue, (from_s, until_s): (f64, f64)) {
-    let command = LiveCommand::Set { knob: name.clone(), value: value.clone() };
+    let command = RunCommand::Set { knob: name.clone(), value: value.clone() };
     let Some(knob) = hub.info().knobs.into_iter().find(|knob| knob.name == name) else {
-        return hub.tell_live(&LiveEvent::Refused { command, why: format!("there is no knob {name}") });
+        return hub.publish(&RunEvent::Refused { command, why: format!("there is no knob {name}") });
     };
     let KnobValue::Number(wanted) = value else {
-        return hub.tell_live(&LiveEvent::Refused { command, why: "this example knows bare numbers alone".to_owned() });
+        return hub.publish(&RunEvent::Refused { command, why: "this example knows bare numbers alone".to_owned() });
     };
     // As a limit of a motor would be.
     let value = wanted.clamp(knob.least.unwrap_or(f64::MIN), 0.9 * knob.greatest.unwrap_or(f64::MAX));
     let ceiling =
         (value < wanted).then(|| format!("{}: max_speed 200 mm/s", name.split('.').next().unwrap_or_default()));
-    hub.tell_live(&LiveEvent::Set { knob: name, value, unit: knob.unit, ceiling, from_s, until_s });
+    hub.publish(&RunEvent::Set { knob: name, value, unit: knob.unit, ceiling, from_s, until_s });
 }

@@ -82,7 +82,6 @@ pub mod files;
 mod film;
 mod interrupt;
 mod last_positions;
-pub mod live;
 pub mod load;
 pub mod midi;
 pub mod osc;
@@ -94,6 +93,7 @@ pub mod winch;
 
 pub use pulsetrain_bake as bake;
 pub use pulsetrain_board as board;
+pub use pulsetrain_live as live;
 pub use pulsetrain_motion as motion;
 pub use pulsetrain_plan as plan;
 pub use pulsetrain_plot as plot;

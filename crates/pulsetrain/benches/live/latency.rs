@@ -7,8 +7,8 @@
 use super::load::{Free, Live, Socket};
 use super::{Row, pins};
 use pulsetrain::board::BoardKind;
-use pulsetrain::control_socket::{Happened, KnobValue, LiveCommand, LiveEvent, Request};
 use pulsetrain::live::log::{LogEntry, Replay};
+use pulsetrain::live::{KnobValue, RunCommand, RunEvent};
 use std::io::{BufReader, Write};
 use std::net::{Ipv4Addr, UdpSocket};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -136,14 +136,17 @@ fn latencies(log: &std::path::Path, sent: &[(f64, f64)]) -> Vec<f64> {
     let log = Replay::read(BufReader::new(file)).expect("it is a log");
     let mut latencies = Vec::new();
     for &(value, at_s) in sent {
-        let asks = |request: &Request| match request {
-            Request::Live(LiveCommand::Set { value: KnobValue::Number(asked), .. }) => (asked - value).abs() < 1e-9,
-            Request::Live(LiveCommand::Set { value: KnobValue::Text(text), .. }) => *text == format!("{value} Hz"),
+        let asks = |command: &RunCommand| match command {
+            RunCommand::Set { value: KnobValue::Number(asked), .. } => (asked - value).abs() < 1e-9,
+            RunCommand::Set { value: KnobValue::Text(text), .. } => *text == format!("{value} Hz"),
             _ => false,
         };
-        let asked = log.lines.iter().find(|line| matches!(&line.entry, LogEntry::Asked(request) if asks(request)));
+        let asked = log
+            .lines
+            .iter()
+            .find(|line| matches!(&line.entry, LogEntry::Asked(batch) if batch.single().is_some_and(asks)));
         let done = log.lines.iter().find_map(|line| match &line.entry {
-            LogEntry::Done(Happened::Live(LiveEvent::Set { value: set, from_s, .. })) if (set - value).abs() < 1e-9 => {
+            LogEntry::Done(RunEvent::Set { value: set, from_s, .. }) if (set - value).abs() < 1e-9 => {
                 Some((line.unix_s, *from_s))
             }
             _ => None,

@@ -5,17 +5,14 @@
 
 use super::{Row, pins};
 use pulsetrain::board::{BoardKind, Edge, Leased, Observer, ScheduledStep};
-use pulsetrain::control_socket::{Happened, KnobValue, LiveCommand, LiveEvent, Request};
-use pulsetrain::live::{Desk, Show};
+use pulsetrain::live::{KnobValue, LiveRun, LiveSetpoints, NamedFiles, RunCommand, RunEvent};
 use pulsetrain::motion::time::Rate;
-use pulsetrain::session::control::Command;
 use pulsetrain::session::drive::Driven;
 use pulsetrain::session::prepare::Prepared;
 use pulsetrain::trace::Line;
 use pulsetrain_core::Direction;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
-use std::path::PathBuf;
 
 /// Each motor's frequency, Hz, and swing, steps, at the beginning: as in the article.
 const SWEEPS: [(f64, f64); 4] = [(0.5, 200.0), (1.0, 100.0), (2.0, 50.0), (4.0, 25.0)];
@@ -163,26 +160,32 @@ impl Watch {
 
 /// Runs a board for `seconds` of its time, with a change each second.
 pub(crate) fn rows(board: &'static str, seconds: f64) -> Vec<Row> {
-    let opened = Desk::of(&text(board), "sweeps.toml", PathBuf::new(), None, Some(Default::default()));
-    let (mut desk, contents) = opened.map_err(|error| error.plain()).expect("it is a motion file");
+    let opened = LiveSetpoints::of(&text(board), "sweeps.toml", None, NamedFiles::none());
+    let (mut setpoints, contents) = opened.map_err(|error| error.plain()).expect("it is a motion file");
     let mut prepared = Prepared::new("sweeps.toml".to_owned(), contents, None).expect("it fits");
     prepared.prove_first(|_| {}).expect("it fits");
-    desk.set_up(&prepared.program);
+    setpoints.set_up(&prepared.program);
     match BoardKind::named(board) {
-        None => soak(Driven::native(&prepared).expect("it can be wired"), desk, &prepared, board, seconds),
+        None => soak(Driven::native(&prepared).expect("it can be wired"), setpoints, &prepared, board, seconds),
         Some(kind) => {
             let driven = Driven::on_virtual(kind, &prepared, kind.usual_baud()).expect("it begins");
-            soak(driven, desk, &prepared, board, seconds)
+            soak(driven, setpoints, &prepared, board, seconds)
         }
     }
 }
 
-fn soak<B: Leased>(driven: Driven<B>, desk: Desk, prepared: &Prepared, board: &'static str, seconds: f64) -> Vec<Row> {
+fn soak<B: Leased>(
+    driven: Driven<B>,
+    setpoints: LiveSetpoints,
+    prepared: &Prepared,
+    board: &'static str,
+    seconds: f64,
+) -> Vec<Row> {
     let tick_s = 1.0 / prepared.program.board.tick_hz as f64;
     let mut watch = Watch::of(&driven.lines);
     let mut seen: Vec<Seen> = SWEEPS.iter().map(|&(hz, swing)| Seen::from_begin(hz, swing)).collect();
     let zero = driven.zero();
-    let mut show = Show::new(driven, desk, true);
+    let mut show = LiveRun::new(driven, setpoints, true);
     let (mut random, mut changes, mut slow) = (0x5eed_u64, 0_u64, 0_u64);
     let mut draw = |least: f64, most: f64| {
         // Knuth's generator of 64 bits.
@@ -195,7 +198,7 @@ fn soak<B: Leased>(driven: Driven<B>, desk: Desk, prepared: &Prepared, board: &'
         let mut happened = Vec::new();
         let request = if now_s > seconds && !stops {
             stops = true;
-            Some(Request::Session(Command::Stop))
+            Some(RunCommand::Stop)
         } else if now_s > 1.0 + changes as f64 && !stops {
             changes += 1;
             let motor = draw(0.0, 4.0) as usize;
@@ -205,18 +208,18 @@ fn soak<B: Leased>(driven: Driven<B>, desk: Desk, prepared: &Prepared, board: &'
             } else {
                 (format!("s{motor}"), (draw(0.5, 1.5) * swing).round())
             };
-            Some(Request::Live(LiveCommand::Set { knob, value: KnobValue::Number(value) }))
+            Some(RunCommand::Set { knob, value: KnobValue::Number(value) })
         } else {
             None
         };
-        let obeyed =
-            request.map_or(Ok(None), |request| show.obey(request, &mut watch, &mut |event| happened.push(event)));
-        let stepped = obeyed.and_then(|ended| match ended {
+        let handled =
+            request.map_or(Ok(None), |request| show.handle(request, &mut watch, &mut |event| happened.push(event)));
+        let stepped = handled.and_then(|ended| match ended {
             Some(ended) => Ok(Some(ended)),
             None => show.step(&mut watch, &mut |event| happened.push(event)),
         });
         for event in happened {
-            if let Happened::Live(event) = event {
+            if !event.is_of_session() {
                 note(&mut seen, event, tick_s, &mut slow);
             }
         }
@@ -268,8 +271,8 @@ fn soak<B: Leased>(driven: Driven<B>, desk: Desk, prepared: &Prepared, board: &'
 }
 
 /// Takes a change over to the count of periods.
-fn note(seen: &mut [Seen], event: LiveEvent, tick_s: f64, slow: &mut u64) {
-    let LiveEvent::Set { knob, value, from_s, until_s, .. } = event else { return };
+fn note(seen: &mut [Seen], event: RunEvent, tick_s: f64, slow: &mut u64) {
+    let RunEvent::Set { knob, value, from_s, until_s, .. } = event else { return };
     let Some((kind, motor)) =
         knob.split_at_checked(1).and_then(|(kind, motor)| Some((kind, motor.parse::<usize>().ok()?)))
     else {

@@ -1,10 +1,9 @@
 //! `pulsetrain live`: a motion that is changed while it runs.
 
-use std::collections::BTreeMap;
 use std::io::{self, BufRead, BufReader, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::Duration;
@@ -13,11 +12,11 @@ use clap::Args;
 use miette::miette;
 use pulsetrain_board::{BoardKind, Edge, Leased, Observer, Serial};
 use pulsetrain_core::wire::Baud;
-use pulsetrain_motion::file::Midi;
+use pulsetrain_motion::file::{Contents, FileError, MOST_OF_A_NAMED_FILE, Midi, Sheet};
 use pulsetrain_motion::human;
 use pulsetrain_motion::program::Program;
 use pulsetrain_session::Proof;
-use pulsetrain_session::control::{Command, Ended, Event, Status};
+use pulsetrain_session::control::Ended;
 use pulsetrain_session::drive::{DriveError, Driven, connect_while};
 use pulsetrain_session::prepare::{Prepared, usual_baud};
 use pulsetrain_trace::{Line as TraceLine, vcd_file};
@@ -27,16 +26,16 @@ use super::rehearsal::Rehearsal;
 use super::{on_port, plan, ports, steer};
 use crate::clock::{self, Onward};
 use crate::console::{Access, Console, Exit};
-use crate::control_socket::{ClientKind, Control, Ending, Hub, HubSender, RunEnded, RunInfo};
+use crate::control_socket::{Control, Hub, HubSender, run_info};
 use crate::diagnostic::{WrongFile, advised};
+use crate::files::inputs;
 use crate::files::outputs::{self, Destination, OutputError};
-use crate::live::incoming::{Incoming, MOST_REQUESTS};
 use crate::live::log::{LogEntry, LogHead, LogLine, VERSION};
 use crate::live::schedule::Scheduler;
-use crate::live::screen::{Key, LiveScreen};
-use crate::live::watch::{LOOK_MS, WatchedFiles, hash};
 use crate::live::{
-    Desk, FileTexts, HELP, Happened, KnobInfo, LONGEST_LINE, Line, LiveCommand, LiveEvent, Request, Show, SuspendedShow,
+    Batch, ClientKind, CommandSource, Ending, FileTexts, HELP, KnobInfo, LiveBoard, LiveHost, LiveRun, LiveSetpoints,
+    MAX_MERGED_COMMANDS, MAX_TYPED_LINE_BYTES, NamedFiles, NoPort, Player, PlayerOptions, RunCommand, RunEnded,
+    RunEvent, RunInfo, SuspendedRun, TypedLine, Work,
 };
 use crate::midi::{self, MidiError};
 use crate::osc::{self, listen_address, serve_osc_on};
@@ -44,11 +43,15 @@ use crate::page::{self, PageOptions};
 use crate::serve::RealTime;
 use crate::way_back::{quoted, way_back};
 use crate::{arguments, interrupt, last_positions, load};
-use port::{Found, LOOK_AGAIN, LiveBeginning, LiveBoard, NoPort, OnPort, is_unplugged};
+use port::{LiveBeginning, OnPort};
 use pulsetrain_motion::file::Live;
-use pulsetrain_report::positions::{motor_positions, start, typed};
+use pulsetrain_report::positions::motor_positions;
+use screen::{Key, LiveScreen};
+use watch::{LOOK_MS, WatchedFiles};
 
 mod port;
+mod screen;
+mod watch;
 
 #[derive(Args, Clone, Debug)]
 #[command(after_help = "\
@@ -143,8 +146,8 @@ pub(crate) fn serve(args: &ServeArgs, console: &mut Console<'_>) -> miette::Resu
 }
 
 /// A motion that is about to run.
-pub(super) struct Staged {
-    pub(super) desk: Desk,
+pub(super) struct PreparedLive {
+    pub(super) setpoints: LiveSetpoints,
     pub(super) prepared: Prepared,
     pub(super) proof: Proof,
     pub(super) baud: Baud,
@@ -152,15 +155,15 @@ pub(super) struct Staged {
     pub(super) is_at_rest: bool,
 }
 
-impl Staged {
+impl PreparedLive {
     /// Prepares a motion, and proves its beginning.
     pub(super) fn new(
-        (mut desk, contents): (Desk, pulsetrain_motion::file::Contents),
+        (mut setpoints, contents): (LiveSetpoints, Contents),
         name: &str,
         board: Option<&str>,
-        line: Way<'_>,
+        line: Transport<'_>,
         console: &Console<'_>,
-    ) -> miette::Result<Staged> {
+    ) -> miette::Result<PreparedLive> {
         let mut prepared = Prepared::new(name.to_owned(), contents, board).map_err(advised)?;
         plan::check_baud(&prepared, line.baud)?;
         let baud = line.baud.unwrap_or_else(|| usual_baud(&prepared.program.board.name));
@@ -169,14 +172,14 @@ impl Staged {
             prepared.over_line(if by_uart { Some(baud) } else { line.baud });
         }
         let proof = plan::prove_first(&mut prepared, console)?;
-        desk.set_up(&prepared.program);
-        Ok(Staged { desk, prepared, proof, baud, is_at_rest: false })
+        setpoints.set_up(&prepared.program);
+        Ok(PreparedLive { setpoints, prepared, proof, baud, is_at_rest: false })
     }
 
     /// Lets the motors rest at these positions at the beginning, steps.
     pub(super) fn rest_at(&mut self, positions: &[f64]) -> miette::Result<()> {
-        self.prepared.program = self.desk.resting_at(positions).map_err(|error| miette!("{error}"))?;
-        self.desk.set_up(&self.prepared.program);
+        self.prepared.program = self.setpoints.resting_at(positions).map_err(|error| miette!("{error}"))?;
+        self.setpoints.set_up(&self.prepared.program);
         (self.proof.is_whole, self.is_at_rest) = (true, true);
         Ok(())
     }
@@ -189,7 +192,7 @@ impl Staged {
 
 /// How the plan comes to the board.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Way<'a> {
+pub(super) struct Transport<'a> {
     pub(super) is_native: bool,
     pub(super) port: Option<&'a str>,
     pub(super) baud: Option<Baud>,
@@ -198,18 +201,18 @@ pub(super) struct Way<'a> {
 pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let path = load::found(&args.file).into_owned();
     let name = path.display().to_string();
-    let opened = match Desk::open(&path, args.board.as_deref()) {
+    let opened = match opened(&path, args.board.as_deref()) {
         Ok(opened) => opened,
         // It gives advice about names that are not there.
         Err(error) => return load::contents(&args.file).and(Err(WrongFile::from(error).into())),
     };
     let midi = args.midi.as_deref().map(|port| midi_of(&opened.1, port, &name)).transpose()?;
-    let way = Way { is_native: args.native, port: args.port.as_deref(), baud: args.baud };
-    let mut staged = Staged::new(opened, &name, args.board.as_deref(), way, console)?;
+    let way = Transport { is_native: args.native, port: args.port.as_deref(), baud: args.baud };
+    let mut staged = PreparedLive::new(opened, &name, args.board.as_deref(), way, console)?;
     let program = Arc::new(staged.prepared.program.clone());
-    let is_time = Scheduler::new(staged.desk.live()).is_time(&clock::now());
+    let is_time = Scheduler::new(staged.setpoints.live()).is_time(&clock::now());
     if !is_time || args.resume {
-        let home = staged.desk.home().to_vec();
+        let home = staged.setpoints.home().to_vec();
         staged.rest_at(&home)?;
     }
     let osc_at = args.osc.as_deref().map(listen_address).transpose()?;
@@ -221,13 +224,12 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
         outputs::claim(&Destination::new(path, "--trace"))?;
     }
     let log = args.log.as_deref().map(|path| Log::new(path, &staged, args)).transpose()?;
-    let mut info = RunInfo::new(&name, &program, args.port.as_deref(), args.native);
-    (info.is_live, info.knobs, info.cues) = (true, staged.desk.knobs(), staged.desk.cues());
+    let mut info = run_info(&name, &program, args.port.as_deref(), args.native);
+    (info.is_live, info.knobs, info.cues) = (true, staged.setpoints.knobs(), staged.setpoints.cues());
     let control = Control::open(&info, console);
-    let in_force = Arc::new(Mutex::new(staged.desk.text().to_owned()));
-    let rules = Arc::new(Mutex::new(Rules::of(&staged.desk)));
-    let parts = Parts {
-        incoming: Incoming::default(),
+    let in_force = Arc::new(Mutex::new(staged.setpoints.text().to_owned()));
+    let rules = Arc::new(Mutex::new(Rules::of(&staged.setpoints)));
+    let thread = LiveThread {
         control,
         log,
         trace: args.trace.clone(),
@@ -235,11 +237,11 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
         joins: is_time,
         program: Arc::clone(&program),
         here: args.here.iter().map(|text| here(text)).collect(),
-        desk: staged.desk.clone(),
+        setpoints: staged.setpoints.clone(),
         in_force: Arc::clone(&in_force),
         rules: Arc::clone(&rules),
     };
-    let began = begin(staged, args, parts, console);
+    let began = begin(staged, args, thread, console);
     let (running, stage) = began?;
     let Running { hub, heard, pending, thread } = running;
     if !args.no_watch {
@@ -284,12 +286,17 @@ pub(crate) fn run(args: &LiveArgs, console: &mut Console<'_>) -> miette::Result<
     }
 }
 
+/// Reads a motion file with the files that it names. `board` replaces the file's own.
+fn opened(path: &Path, board: Option<&str>) -> Result<(LiveSetpoints, Contents), FileError> {
+    let sheet = Sheet::open(path, &inputs::text)?;
+    let (name, text) = (sheet.source().name(), sheet.source().text());
+    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+    let loader = move |named: &Path| inputs::text(&folder.join(named), MOST_OF_A_NAMED_FILE);
+    LiveSetpoints::of(text, name, board, NamedFiles::LoadedBy(Arc::new(loader)))
+}
+
 /// The MIDI port that is asked for, and what it does. If it is not there, that is said before anything moves.
-fn midi_of<'a>(
-    contents: &pulsetrain_motion::file::Contents,
-    port: &'a str,
-    file: &str,
-) -> Result<(&'a str, Midi), MidiError> {
+fn midi_of<'a>(contents: &Contents, port: &'a str, file: &str) -> Result<(&'a str, Midi), MidiError> {
     midi::port_named(port, &midi::ports()?)?;
     let table = contents.live.midi.clone().ok_or_else(|| MidiError::NoTable { file: file.to_owned() })?;
     Ok((port, table))
@@ -325,7 +332,7 @@ struct Running {
 
 /// What the motion's thread tells the terminal.
 enum MotionNews {
-    Happened(Happened),
+    Event(RunEvent),
     /// The board counts from these positions now, steps.
     Starts(Vec<f64>),
     Over,
@@ -340,13 +347,13 @@ struct Played {
 
 /// Connects to the board, and lets the motion run in a thread of its own, so that clients never delay a step.
 fn begin(
-    staged: Staged,
+    staged: PreparedLive,
     args: &LiveArgs,
-    parts: Parts,
+    thread: LiveThread,
     console: &mut Console<'_>,
 ) -> miette::Result<(Running, Arc<str>)> {
-    let Staged { desk, prepared, proof, baud, is_at_rest } = &staged;
-    let text: Arc<str> = desk.text().into();
+    let PreparedLive { setpoints, prepared, proof, baud, is_at_rest } = &staged;
+    let text: Arc<str> = setpoints.text().into();
     let failed = |control: Control, error: miette::Report| {
         control.end(&RunEnded::failed(error.to_string()));
         error
@@ -358,16 +365,16 @@ fn begin(
             Some(kind) => match Driven::on_virtual(kind, prepared, *baud) {
                 Ok(driven) => {
                     let begun = LiveBeginning::of(proving(driven, prepared, proof)?, *is_at_rest);
-                    Ok((parts.play(begun, Some(hz), Box::new(NoPort))?, text))
+                    Ok((thread.play(begun, Some(hz), Box::new(NoPort))?, text))
                 }
-                Err(error) => Err(failed(parts.control, drive_problem(error))),
+                Err(error) => Err(failed(thread.control, drive_problem(error))),
             },
             None => match Driven::native(prepared) {
                 Ok(driven) => {
                     let begun = LiveBeginning::of(proving(driven, prepared, proof)?, *is_at_rest);
-                    Ok((parts.play(begun, Some(hz), Box::new(NoPort))?, text))
+                    Ok((thread.play(begun, Some(hz), Box::new(NoPort))?, text))
                 }
-                Err(error) => Err(failed(parts.control, advised(error))),
+                Err(error) => Err(failed(thread.control, advised(error))),
             },
         };
     };
@@ -375,7 +382,7 @@ fn begin(
         let help = "add --board uno or --board pico, or write it in the file";
         let board = &prepared.program.board.name;
         return Err(failed(
-            parts.control,
+            thread.control,
             miette!(help = help, "{} is planned for the board `{board}`", prepared.file),
         ));
     };
@@ -384,7 +391,7 @@ fn begin(
             let put_off = proof.planned.iter().map(|planned| planned.certificate.longest_put_off_ticks).max();
             drop(Rehearsal::of_run(prepared, *baud, None, put_off.unwrap_or(0), console)?);
         }
-        if parts.control.wants_stop() {
+        if thread.control.wants_stop() {
             return Err(miette!("stopped before it began: no motor has moved"));
         }
         interrupt::watch();
@@ -395,16 +402,16 @@ fn begin(
         // From here on the board counts from another position.
         last_positions::forget(port);
         let mut waits = on_port::waits_with_notice(console, port);
-        let goes_on = || waits() && !parts.control.wants_stop();
+        let goes_on = || waits() && !thread.control.wants_stop();
         let driven = Driven::with(prepared, |program| connect_while(serial, program, *baud, goes_on));
         Ok(LiveBeginning::of(proving(driven.map_err(drive_problem)?, prepared, proof)?, *is_at_rest))
     })();
     match connected {
         Ok(begun) => {
             let board = OnPort::new(port, prepared.clone(), *baud, args.resume);
-            Ok((parts.play(begun, None, Box::new(board))?, text))
+            Ok((thread.play(begun, None, Box::new(board))?, text))
         }
-        Err(error) => Err(failed(parts.control, error)),
+        Err(error) => Err(failed(thread.control, error)),
     }
 }
 
@@ -414,13 +421,12 @@ pub(super) fn proving<B: Leased>(driven: Driven<B>, prepared: &Prepared, proof: 
 }
 
 /// What a running motion needs besides its board.
-struct Parts {
+struct LiveThread {
     control: Control,
-    incoming: Incoming,
     log: Option<Log>,
     trace: Option<PathBuf>,
     rejoins: bool,
-    desk: Desk,
+    setpoints: LiveSetpoints,
     /// The text of the motion file that is followed, for the page.
     in_force: Arc<Mutex<String>>,
     rules: Arc<Mutex<Rules>>,
@@ -429,7 +435,7 @@ struct Parts {
     /// Whether motors whose positions are found, with `--resume`, join the motion.
     joins: bool,
     /// Where the motors stand, by the command line.
-    here: Vec<LiveCommand>,
+    here: Vec<RunCommand>,
 }
 
 /// What other threads look at: what may change by the file that is followed, and the files that it names.
@@ -439,350 +445,172 @@ struct Rules {
 }
 
 impl Rules {
-    fn of(desk: &Desk) -> Rules {
-        Rules { live: Arc::new(desk.live().clone()), files: Arc::new(desk.files()) }
+    fn of(setpoints: &LiveSetpoints) -> Rules {
+        Rules { live: Arc::new(setpoints.live().clone()), files: Arc::new(setpoints.files()) }
     }
 }
 
 /// A position for all motors, or `MOTOR=POSITION`.
-fn here(text: &str) -> LiveCommand {
+fn here(text: &str) -> RunCommand {
     let (motor, position) = match text.split_once('=') {
         Some((motor, position)) => (Some(motor.trim().to_owned()), position),
         None => (None, text),
     };
-    LiveCommand::Here { motor, position: position.trim().to_owned() }
+    RunCommand::Here { motor, position: position.trim().to_owned() }
 }
 
 /// Statuses that wait for the terminal: more are left out.
-const MOST_PENDING: usize = 64;
+const MAX_PENDING: usize = 64;
 
-impl Parts {
+impl LiveThread {
     /// Lets the motion run in its own thread. With `paced_hz` the board's time keeps pace with the time of day.
     fn play<B: Leased + Send + 'static>(
         mut self,
         begun: LiveBeginning<B>,
         paced_hz: Option<u64>,
-        board: Box<dyn LiveBoard<B>>,
+        board: Box<dyn LiveBoard<B> + Send>,
     ) -> miette::Result<Running> {
         let hub = self.control.hub().clone();
-        let (tells, heard) = channel();
+        let (news, heard) = channel();
         let pending = Arc::new(AtomicUsize::new(0));
         let of_thread = Arc::clone(&pending);
         let trace = Trace::create(self.trace.as_deref(), paced_hz.unwrap_or(1), begun.lines())?;
         self.log = self.log.take().map(Log::open).transpose()?;
-        let thread = thread::spawn(move || self.played(begun, paced_hz, board, trace, &tells, &of_thread));
+        let thread = thread::spawn(move || self.played(begun, paced_hz.is_some(), board, trace, &news, &of_thread));
         Ok(Running { hub, heard, pending, thread })
     }
 
     fn played<B: Leased>(
-        mut self,
+        self,
         begun: LiveBeginning<B>,
-        paced_hz: Option<u64>,
-        mut board: Box<dyn LiveBoard<B>>,
+        is_paced: bool,
+        board: Box<dyn LiveBoard<B> + Send>,
         mut trace: Trace,
-        tells: &Sender<MotionNews>,
+        news: &Sender<MotionNews>,
         pending: &AtomicUsize,
     ) -> Played {
-        let hub = self.control.hub().clone();
-        let mut news = News { hub: &hub, tells, pending, has_knobs: false, done: Vec::new(), base: 0, latest: 0 };
-        let mut log = self.log.take();
-        let desk = self.desk.clone();
-        let first = match begun {
-            LiveBeginning::Moving(driven) => Some(Show::new(driven, desk, self.rejoins)),
-            LiveBeginning::AtRest(driven) => Some(Show::at_rest(driven, desk, self.rejoins)),
-            LiveBeginning::Resume => {
-                let suspended = SuspendedShow::new(desk, self.rejoins, self.joins);
-                self.wait(&mut *board, suspended, None, &mut news, &log)
+        let LiveThread { control, log, rejoins, setpoints, in_force, rules, program, joins, here, .. } = self;
+        let options = PlayerOptions { has_log: log.is_some(), here };
+        let mut player = match begun {
+            LiveBeginning::Moving(driven) => Player::new(LiveRun::new(driven, setpoints, rejoins), board, options),
+            LiveBeginning::AtRest(driven) => Player::new(LiveRun::at_rest(driven, setpoints, rejoins), board, options),
+            LiveBeginning::Resume => Player::waiting(SuspendedRun::new(setpoints, rejoins, joins), board, options),
+        };
+        let clock = Onward::from(Duration::ZERO);
+        let hub = control.hub();
+        let mut host = ThreadHost { hub, news, pending, log, in_force, rules, clock, is_paced, pace: None };
+        let mut source = Clients { batches: control.batches(), work: None };
+        let ended = loop {
+            if let Some(ended) = player.step(&mut source, &mut host, &mut trace) {
+                break ended;
             }
         };
-        let ended = match first {
-            None => Ok(None),
-            Some(mut show) => loop {
-                let ended = self.perform(&mut show, paced_hz, &mut *board, &mut trace, &mut news, &mut log);
-                let lost = ended.as_ref().err().and_then(is_unplugged).zip(board.port()).filter(|_| show.rejoins());
-                let unplugged =
-                    lost.map(|(why, port)| LiveEvent::Unplugged { why: why.to_string(), port: port.to_owned() });
-                let Some(unplugged) = unplugged else {
-                    // Counts are given from where the motion begins.
-                    let offsets = counts_from_home(show.desk());
-                    board.close(show.into_driven(), ended.as_ref().ok());
-                    let counted = |counts: &[i64]| counts.iter().zip(&offsets).map(|(count, by)| count + by).collect();
-                    break ended.map(|ended| Some(Ended { counted: counted(&ended.counted), ..ended }));
-                };
-                news.base += show.now();
-                news.tell(Happened::Live(unplugged));
-                let (driven, suspended) = show.suspend();
-                board.lost(driven);
-                match self.wait(&mut *board, suspended, Some(Onward::from(Duration::ZERO)), &mut news, &log) {
-                    Some(again) => show = again,
-                    None => break ended.map(Some),
-                }
-            },
-        };
-        news.log(news.latest, &log);
-        if let Some(log) = &log {
-            log.line(news.base + news.latest, LogEntry::Over);
-        }
         let end = match &ended {
             Ok(Some(ended)) => {
                 let uncertain = ended.uncertain.as_deref().unwrap_or_default();
-                let motors = motor_positions(&self.program, &ended.counted, uncertain);
+                let motors = motor_positions(&program, &ended.counted, uncertain);
                 RunEnded { ended: Ending::Stopped, why: None, motors, way_back: None, moved: true }
             }
             Ok(None) => RunEnded::failed("stopped before it began".to_owned()),
             Err(error) => RunEnded { moved: true, ..RunEnded::failed(error.to_string()) },
         };
-        let unwritten = log.and_then(Log::finish).or(trace.finish());
-        let _ = tells.send(MotionNews::Over);
-        self.control.end(&end);
+        let unwritten = host.log.take().and_then(Log::finish).or(trace.finish());
+        let _ = news.send(MotionNews::Over);
+        control.end(&end);
         Played { ended, unwritten }
     }
+}
 
-    /// Runs a motion until it is stopped, or fails.
-    fn perform<B: Leased>(
-        &mut self,
-        show: &mut Show<B>,
-        paced_hz: Option<u64>,
-        board: &mut dyn LiveBoard<B>,
-        trace: &mut Trace,
-        news: &mut News<'_>,
-        log: &mut Option<Log>,
-    ) -> Result<Ended, DriveError> {
-        let (zero, tick_hz) = (show.zero(), show.desk().setup().board.tick_hz);
-        let time = |tick: u64| Duration::from_secs_f64(tick as f64 / tick_hz as f64);
-        let mut pace = paced_hz.map(|_| RealTime::from(time(show.now())));
-        let motion_s = |tick: u64| tick.saturating_sub(zero) as f64 / tick_hz as f64;
-        log.iter_mut().for_each(|log| log.time.0 = news.base + zero);
-        loop {
-            let mut requests = 0;
-            // A stop that ended a search is given at the tick at which it was seen: a replay of the log ends the search there.
-            while requests < MOST_REQUESTS || self.incoming.stop_waits(self.control.requests()) {
-                let wait = pace.as_mut().map_or(Duration::ZERO, |pace| pace.ahead(time(show.now())));
-                let Some(request) = self.incoming.next(self.control.requests(), wait, show.desk()) else { break };
-                requests += 1;
-                let tick = show.now();
-                log.iter().for_each(|log| log.line(news.base + tick, LogEntry::Asked(request.clone())));
-                let mut is_file = false;
-                for request in request.clone().each() {
-                    if let Request::Live(LiveCommand::Motion { files, .. }) = request {
-                        is_file = true;
-                        // The request's own line has them.
-                        log.iter_mut().for_each(|log| {
-                            log.files.extend(files.iter().map(|(name, text)| (name.clone(), hash(text))));
-                        });
-                    }
-                }
-                let Parts { incoming, control, .. } = &mut *self;
-                let mut stop_waits = |_| incoming.stop_waits(control.requests());
-                let obeyed = show.obey_until(request, &mut stop_waits, trace, &mut |happened| news.tell(happened));
-                if is_file {
-                    log.iter_mut().for_each(|log| log.files(news.base + tick, show.desk()));
-                }
-                if let Some(over) = obeyed.transpose() {
-                    news.log(show.now(), log);
-                    return over;
-                }
-            }
-            // On a real board its time is that of day.
-            let clock = pace.unwrap_or_else(|| RealTime::from(time(show.now())));
-            news.hub.set_clock(clock.moment(time(show.now())), motion_s(show.now()));
-            news.hub.looked();
-            let mut status = None;
-            let Parts { incoming, control, .. } = &mut *self;
-            let mut stop_waits = |_| incoming.stop_waits(control.requests());
-            let stepped = show.step_until(&mut stop_waits, trace, &mut |happened| {
-                if let Happened::Session(Event::Status(of_now)) = &happened {
-                    status = Some(of_now.clone());
-                }
-                news.tell(happened);
-            });
-            news.log(show.now(), log);
-            if let Some(status) = status {
-                board.keep(&status, show.is_resting());
-            }
-            if std::mem::take(&mut news.has_knobs) {
-                self.show_desk(show.desk());
-            }
-            if let Some(over) = stepped.transpose() {
-                return over;
-            }
+/// The commands of clients, and a thread for work that takes long.
+struct Clients<'a> {
+    batches: &'a Receiver<Batch>,
+    work: Option<thread::JoinHandle<()>>,
+}
+
+impl CommandSource for Clients<'_> {
+    fn next(&mut self, wait: Duration) -> Option<Batch> {
+        match self.batches.try_recv() {
+            Ok(batch) => return Some(batch),
+            Err(TryRecvError::Empty) if !wait.is_zero() => {}
+            Err(_) => return None,
         }
+        self.batches.recv_timeout(wait).ok()
     }
 
-    /// Shows others what is in force now.
-    fn show_desk(&self, desk: &Desk) {
-        desk.text().clone_into(&mut self.in_force.lock().unwrap_or_else(PoisonError::into_inner));
-        *self.rules.lock().unwrap_or_else(PoisonError::into_inner) = Rules::of(desk);
-        self.control.hub().change_info(|info| (info.knobs, info.cues) = (desk.knobs(), desk.cues()));
+    fn start(&mut self, work: Work) {
+        self.work = Some(thread::spawn(work));
     }
 
-    /// Waits for the board. If the motors' positions are unknown, waits for `here`, too. `None` if the run is stopped.
-    fn wait<B: Leased>(
-        &mut self,
-        board: &mut dyn LiveBoard<B>,
-        mut suspended: SuspendedShow,
-        since: Option<Onward>,
-        news: &mut News<'_>,
-        log: &Option<Log>,
-    ) -> Option<Show<B>> {
-        let mut places: Option<Vec<Option<f64>>> = None;
-        let mut last_why = since.is_some().then(String::new);
-        let mut begin = |board: &mut dyn LiveBoard<B>, positions: &[f64], news: &mut News<'_>| {
-            board.begin(positions).map_err(|error| {
-                let why = error.to_string();
-                if last_why.replace(why.clone()) != Some(why.clone()) {
-                    let port = board.port().unwrap_or_default().to_owned();
-                    news.tell(Happened::Live(LiveEvent::Unplugged { why, port }));
-                }
-            })
-        };
-        loop {
-            let mut begun = None;
-            match &places {
-                None => match board.look() {
-                    Found::Known(positions) => {
-                        begun = begin(board, &positions, news).ok().map(|begun| (begun, positions))
-                    }
-                    Found::Unknown(why) => {
-                        let motors = suspended.desk().setup().motors.iter();
-                        places = Some(vec![None; motors.len()]);
-                        let last = board.last().unwrap_or_default();
-                        let last = last
-                            .iter()
-                            .zip(motors.clone())
-                            .map(|(steps, motor)| format!("{} {}", motor.name, typed(*steps, &motor.scale)));
-                        let event = LiveEvent::Unplaced {
-                            why,
-                            last: last.collect(),
-                            motors: motors.map(|motor| motor.name.clone()).collect(),
-                        };
-                        news.tell(Happened::Live(event));
-                        for command in std::mem::take(&mut self.here) {
-                            place(&suspended, &mut places, command, board.last(), news);
-                        }
-                    }
-                    Found::Nothing => {}
-                },
-                Some(places) => {
-                    if let Some(positions) = places.iter().copied().collect::<Option<Vec<f64>>>() {
-                        begun = begin(board, &positions, news).ok().map(|begun| (begun, positions));
-                    }
-                }
-            }
-            if let Some(((driven, program), positions)) = begun {
-                let starts = MotionNews::Starts(positions.clone());
-                let _ = news.tells.send(starts);
-                self.control.hub().change_info(|info| {
-                    info.motors.iter_mut().zip(&positions).for_each(|(motor, start)| motor.start_steps = *start);
-                });
-                let passed_s = since.map_or(0.0, |since| since.now().as_secs_f64());
-                news.log(0, log);
-                let show = suspended.rejoin_on(driven, &program, passed_s);
-                self.show_desk(show.desk());
-                return Some(show);
-            }
-            news.log(0, log);
-            let mut wait = LOOK_AGAIN;
-            while let Some(request) = self.incoming.next_without_board(self.control.requests(), wait) {
-                wait = Duration::ZERO;
-                log.iter().for_each(|log| log.line(news.base, LogEntry::Asked(request.clone())));
-                for request in request.each() {
-                    match request {
-                        Request::Session(Command::Stop | Command::StopNow) => return None,
-                        Request::Live(command @ LiveCommand::Here { .. }) if places.is_some() => {
-                            place(&suspended, &mut places, command, board.last(), news);
-                        }
-                        request => suspended.obey(request, &mut |happened| news.tell(happened)),
-                    }
-                }
-            }
-            if std::mem::take(&mut news.has_knobs) {
-                self.show_desk(suspended.desk());
-            }
-            news.hub.looked();
-        }
+    fn is_done(&self) -> bool {
+        self.work.as_ref().is_none_or(thread::JoinHandle::is_finished)
     }
 }
 
-/// Notes where motors stand.
-fn place(
-    suspended: &SuspendedShow,
-    places: &mut Option<Vec<Option<f64>>>,
-    command: LiveCommand,
-    last: Option<Vec<f64>>,
-    news: &mut News<'_>,
-) {
-    let (LiveCommand::Here { motor, position }, Some(places)) = (&command, places) else { return };
-    match suspended.desk().places(motor.as_deref(), position, last.as_deref()) {
-        Ok(found) => {
-            let motors = &suspended.desk().setup().motors;
-            let names = found.iter().map(|(motor, _)| motors[*motor].name.clone()).collect();
-            found.iter().for_each(|(motor, steps)| places[*motor] = Some(*steps));
-            news.tell(Happened::Live(LiveEvent::Placed { motors: names, position: position.clone() }));
-        }
-        Err(error) => {
-            let why = error.to_string();
-            news.tell(Happened::Live(LiveEvent::Refused { command, why }));
-        }
-    }
-}
-
-/// By motor: how many steps from where the motion begins the board counts from.
-fn counts_from_home(desk: &Desk) -> Vec<i64> {
-    let starts = desk.setup().motors.iter().map(start);
-    starts.zip(desk.home()).map(|(start, home)| (start - home).round() as i64).collect()
-}
-
-/// Tells everybody what happens, and keeps it for the log.
-struct News<'a> {
+/// The motion's thread: it tells the hub, the terminal and the log what happens.
+struct ThreadHost<'a> {
     hub: &'a Hub,
-    tells: &'a Sender<MotionNews>,
+    news: &'a Sender<MotionNews>,
     pending: &'a AtomicUsize,
-    /// Whether other knobs or cues may be there now.
-    has_knobs: bool,
-    done: Vec<Happened>,
-    /// Ticks of the sessions before this one, for the log.
-    base: u64,
-    /// The tick of this session at which something was logged last.
-    latest: u64,
+    log: Option<Log>,
+    in_force: Arc<Mutex<String>>,
+    rules: Arc<Mutex<Rules>>,
+    clock: Onward,
+    /// Whether the board's time keeps pace with the time of day, and how, once it has begun.
+    is_paced: bool,
+    pace: Option<RealTime>,
 }
 
-impl News<'_> {
-    fn tell(&mut self, happened: Happened) {
-        self.hub.tell_happened(&happened);
-        match &happened {
-            Happened::Session(Event::Progress { .. }) => return,
-            Happened::Session(Event::Status(_)) => {
-                if self.pending.load(Ordering::Relaxed) >= MOST_PENDING {
-                    return;
-                }
-            }
-            Happened::Live(
-                LiveEvent::Cue { .. }
-                | LiveEvent::Motion { .. }
-                | LiveEvent::Began { .. }
-                | LiveEvent::TakenBack { .. }
-                | LiveEvent::Refused { .. },
-            ) => {
-                self.has_knobs = true;
-                self.done.push(happened.clone());
-            }
+impl LiveHost for ThreadHost<'_> {
+    fn publish(&mut self, event: &RunEvent) {
+        self.hub.publish(event);
+        match event {
+            RunEvent::Progress { .. } => return,
             // Its sender hears it; a fader at 60 Hz would fill the screen.
-            Happened::Live(LiveEvent::Late { .. }) => {
-                self.done.push(happened);
-                return;
-            }
-            other => self.done.push(other.clone()),
+            RunEvent::Late { .. } => return,
+            RunEvent::Status(_) if self.pending.load(Ordering::Relaxed) >= MAX_PENDING => return,
+            _ => {}
         }
         self.pending.fetch_add(1, Ordering::Relaxed);
         // The terminal listens until the end.
-        let _ = self.tells.send(MotionNews::Happened(happened));
+        let _ = self.news.send(MotionNews::Event(event.clone()));
     }
 
-    fn log(&mut self, tick: u64, log: &Option<Log>) {
-        self.latest = tick;
-        for done in self.done.drain(..) {
-            log.iter().for_each(|log| log.line(self.base + tick, LogEntry::Done(done.clone())));
+    fn change_setpoints(&mut self, setpoints: &LiveSetpoints) {
+        setpoints.text().clone_into(&mut self.in_force.lock().unwrap_or_else(PoisonError::into_inner));
+        *self.rules.lock().unwrap_or_else(PoisonError::into_inner) = Rules::of(setpoints);
+        self.hub.change_info(|info| (info.knobs, info.cues) = (setpoints.knobs(), setpoints.cues()));
+    }
+
+    fn count_from(&mut self, positions: &[f64]) {
+        let _ = self.news.send(MotionNews::Starts(positions.to_owned()));
+        self.hub.change_info(|info| {
+            info.motors.iter_mut().zip(positions).for_each(|(motor, start)| motor.start_steps = *start);
+        });
+    }
+
+    fn looked(&mut self, clock: Option<(Duration, f64)>) {
+        if let Some((board_time, motion_s)) = clock {
+            // On a real board its time is that of day.
+            let pace = self.pace.unwrap_or_else(|| RealTime::from(board_time));
+            self.hub.set_clock(pace.moment(board_time), motion_s);
+        }
+        self.hub.looked();
+    }
+
+    fn ahead(&mut self, board_time: Duration) -> Duration {
+        if !self.is_paced {
+            return Duration::ZERO;
+        }
+        self.pace.get_or_insert_with(|| RealTime::from(board_time)).ahead(board_time)
+    }
+
+    fn now(&self) -> Duration {
+        self.clock.now()
+    }
+
+    fn log(&mut self, tick: u64, at_s: f64, entry: LogEntry) {
+        if let Some(log) = &self.log {
+            log.line(tick, at_s, entry);
         }
     }
 }
@@ -802,34 +630,29 @@ enum LogWriter {
 struct Log {
     lines: Sender<LogLine>,
     writer: LogWriter,
-    /// The files that are in the log: the hash of each one's text.
-    files: BTreeMap<PathBuf, u64>,
-    /// The tick at which the motion begins, and ticks in a second.
-    time: (u64, u64),
 }
 
 impl Log {
     /// A log of this motion. It is not written before it is [opened](Log::open).
-    fn new(path: &Path, staged: &Staged, args: &LiveArgs) -> miette::Result<Log> {
+    fn new(path: &Path, staged: &PreparedLive, args: &LiveArgs) -> miette::Result<Log> {
         outputs::claim(&Destination::new(path, "--log"))?;
         let head = LogHead {
             pulsetrain_log: VERSION,
             program: env!("CARGO_PKG_VERSION").to_owned(),
             file: staged.prepared.file.clone(),
-            text: staged.desk.text().to_owned(),
-            files: staged.desk.files(),
+            text: staged.setpoints.text().to_owned(),
+            files: staged.setpoints.files(),
             board: args.board.clone(),
             is_native: args.native,
             port: args.port.clone(),
             baud: args.baud.map(Baud::rate),
             rejoins: !args.no_rejoin,
-            rests_at: staged.is_at_rest.then(|| staged.desk.home().to_vec()),
+            rests_at: staged.is_at_rest.then(|| staged.setpoints.home().to_vec()),
         };
         let head = serde_json::to_string(&head).map_err(|error| miette!("cannot write JSON: {error}"))?;
         let (lines, to_write) = channel::<LogLine>();
         let writer = LogWriter::Waits { path: path.to_owned(), head, to_write };
-        let files = staged.desk.files().iter().map(|(name, text)| (name.clone(), hash(text))).collect();
-        Ok(Log { lines, writer, files, time: (0, staged.prepared.program.board.tick_hz) })
+        Ok(Log { lines, writer })
     }
 
     /// Begins to write it, in a thread.
@@ -851,20 +674,9 @@ impl Log {
         Ok(self)
     }
 
-    fn line(&self, tick: u64, entry: LogEntry) {
-        let (zero, hz) = self.time;
-        let at_s = (tick as f64 - zero as f64) / hz as f64;
+    fn line(&self, tick: u64, at_s: f64, entry: LogEntry) {
         // If the disk is full, `finish` returns the error.
-        let _ = self.lines.send(LogLine::now(tick, at_s, entry));
-    }
-
-    /// Notes the files that a changed motion file names, if they are others than before.
-    fn files(&mut self, tick: u64, desk: &Desk) {
-        let mut files = desk.files();
-        files.retain(|name, text| self.files.insert(name.clone(), hash(text)) != Some(hash(text)));
-        if !files.is_empty() {
-            self.line(tick, LogEntry::Files(files));
-        }
+        let _ = self.lines.send(LogLine { tick, at_s, unix_s: clock::unix_s(), entry });
     }
 
     fn finish(self) -> Option<Access> {
@@ -949,7 +761,7 @@ fn watch(path: &Path, known: &str, hub: &Hub, rules: &Arc<Mutex<Rules>>) {
         while !hub.is_over_within(Duration::from_millis(LOOK_MS)) {
             let in_force = Arc::clone(&rules.lock().unwrap_or_else(PoisonError::into_inner).files);
             if let Some((text, files)) = files.look(&in_force) {
-                sender.send(Request::Live(LiveCommand::Motion { text, files }));
+                sender.send(RunCommand::Motion { text, files });
             }
         }
     });
@@ -967,7 +779,7 @@ fn keep_to_schedule(hub: &Hub, rules: Arc<Mutex<Rules>>) {
         let mut known = in_force();
         let mut scheduler = Scheduler::new(&known);
         loop {
-            scheduler.look(&clock::now()).into_iter().for_each(|request| sender.send(request));
+            scheduler.look(&clock::now()).into_iter().for_each(|command| sender.send(command));
             if hub.is_over_within(Duration::from_millis(LOOK_MS)) {
                 return;
             }
@@ -997,7 +809,7 @@ impl TerminalSide {
         let (sender, lines) = client.split();
         // What happens is heard without the hub.
         drop(lines);
-        let (says, said) = sync_channel(MOST_PENDING);
+        let (says, said) = sync_channel(MAX_PENDING);
         if console.err_is_terminal && io::stdin().is_terminal() && !is_quiet {
             return self.at_a_terminal(&sender, console);
         }
@@ -1008,7 +820,7 @@ impl TerminalSide {
         loop {
             match self.heard.recv_timeout(KEYS) {
                 Ok(MotionNews::Over) | Err(RecvTimeoutError::Disconnected) => return Ok(()),
-                Ok(MotionNews::Happened(happened)) => {
+                Ok(MotionNews::Event(happened)) => {
                     self.pending.fetch_sub(1, Ordering::Relaxed);
                     if let Some(text) = in_words(&happened) {
                         console.print(format_args!("{text}\n"))?;
@@ -1028,7 +840,7 @@ impl TerminalSide {
         loop {
             match self.heard.recv_timeout(KEYS) {
                 Ok(MotionNews::Over) | Err(RecvTimeoutError::Disconnected) => return Ok(()),
-                Ok(MotionNews::Happened(happened)) => {
+                Ok(MotionNews::Event(happened)) => {
                     self.pending.fetch_sub(1, Ordering::Relaxed);
                     screen.hear(&happened, in_words(&happened)).map_err(refuse)?;
                 }
@@ -1037,7 +849,7 @@ impl TerminalSide {
             }
             for key in screen.keys().map_err(refuse)? {
                 match key {
-                    Key::Request(request) => sender.send(request),
+                    Key::Command(request) => sender.send(request),
                     Key::Line(line) => {
                         if let Some(text) = take_line(&line, |request| sender.send(request), &self.hub) {
                             screen.print(&text).map_err(refuse)?;
@@ -1055,7 +867,7 @@ fn read_lines(input: &mut BufReader<impl Read>, sender: &HubSender, hub: &Hub, s
     let mut together = Vec::new();
     loop {
         line.clear();
-        let most = LONGEST_LINE as u64 + 2;
+        let most = MAX_TYPED_LINE_BYTES as u64 + 2;
         let read = (&mut *input).take(most).read_until(b'\n', &mut line);
         if read.is_err() || line.is_empty() {
             return;
@@ -1065,7 +877,7 @@ fn read_lines(input: &mut BufReader<impl Read>, sender: &HubSender, hub: &Hub, s
             let _ = says.send(format!("{}\n", text.trim_end()));
         }
         // Lines of one write act together.
-        if together.len() == MOST_REQUESTS as usize || !input.buffer().contains(&b'\n') {
+        if together.len() == MAX_MERGED_COMMANDS || !input.buffer().contains(&b'\n') {
             sender.send_together(std::mem::take(&mut together));
         }
         // The rest of a line that is too long is no line.
@@ -1079,19 +891,19 @@ fn read_lines(input: &mut BufReader<impl Read>, sender: &HubSender, hub: &Hub, s
 }
 
 /// Does what a line asks for; or gives what is to be said.
-fn take_line(line: &str, send: impl FnOnce(Request), hub: &Hub) -> Option<String> {
-    match Line::read(line) {
-        Ok(Line::Request(request)) => {
+fn take_line(line: &str, send: impl FnOnce(RunCommand), hub: &Hub) -> Option<String> {
+    match TypedLine::read(line) {
+        Ok(TypedLine::Command(request)) => {
             send(request);
             None
         }
-        Ok(Line::Knobs) => Some(knob_table(&hub.info().knobs)),
-        Ok(Line::Cues) => {
+        Ok(TypedLine::Knobs) => Some(knob_table(&hub.info().knobs)),
+        Ok(TypedLine::Cues) => {
             let cues = hub.info().cues;
             Some(if cues.is_empty() { "the motion file has no cues".to_owned() } else { cues.join("\n") })
         }
-        Ok(Line::Help) => Some(HELP.to_owned()),
-        Ok(Line::Nothing) => None,
+        Ok(TypedLine::Help) => Some(HELP.to_owned()),
+        Ok(TypedLine::Nothing) => None,
         Err(error) => Some(format!("{error}; `help` lists what can be written")),
     }
 }
@@ -1107,12 +919,10 @@ fn knob_table(knobs: &[KnobInfo]) -> String {
     table.to_string()
 }
 
-/// What happened, in words; `None` for what comes all the time.
-pub(super) fn in_words(happened: &Happened) -> Option<String> {
-    match happened {
-        Happened::Session(Event::Progress { .. } | Event::Status(Status { .. }) | Event::Ended(_)) => None,
-        Happened::Session(Event::Failed { .. }) => None,
-        Happened::Session(event) => Some(steer::in_words(event)),
-        Happened::Live(event) => Some(steer::live_in_words(event)),
+/// An event in words; `None` for what comes all the time.
+pub(super) fn in_words(event: &RunEvent) -> Option<String> {
+    match event {
+        RunEvent::Progress { .. } | RunEvent::Status(_) | RunEvent::Ended(_) | RunEvent::Failed { .. } => None,
+        event => Some(steer::in_words(event)),
     }
 }

@@ -19,8 +19,9 @@ use super::rehearsal::Rehearsal;
 use super::run::{HowToRun, run_end, stopped_before_begin};
 use crate::console::Access;
 use crate::console::{self, Console, Exit};
-use crate::control_socket::{Control, RunEnded};
+use crate::control_socket::Control;
 use crate::files::outputs::{self, OutputError};
+use crate::live::RunEnded;
 use crate::{interrupt, last_positions};
 use pulsetrain_motion::human;
 use pulsetrain_report::plan_report::{Column, PlanReport, summary};
@@ -179,7 +180,7 @@ pub(super) fn run(
             _ => {}
         }
         bar.follow(&event);
-        control.tell(&event);
+        control.publish(&event.into());
     });
     drop(bar);
     let planned = if proof.is_whole { proof.planned } else { driven.planned() };

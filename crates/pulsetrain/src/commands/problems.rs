@@ -7,7 +7,7 @@ use pulsetrain_board::profiles::Role;
 use pulsetrain_board::{BoardKind, LinkError, PortError, RemoteError, VirtualBoard};
 
 use crate::console;
-use crate::control_socket::{RunClient, runs};
+use crate::control_socket::{RunClient, port_paths, runs};
 use crate::diagnostic::advised;
 use crate::files::outputs;
 use crate::way_back::quoted;
@@ -34,7 +34,7 @@ pub(crate) fn port_problem(error: PortError) -> Report {
 /// what the user can type there without ending it.
 pub(crate) fn taken_by_run(port: &str, instead: &str) -> Option<Report> {
     let runs = runs().ok()?;
-    let info = runs.iter().map(RunClient::info).find(|info| info.is_at(port))?;
+    let info = runs.iter().map(RunClient::info).find(|info| info.is_at(port, &port_paths(port)))?;
     let end = format!("`pulsetrain stop --port {}`", quoted(port));
     let help = match (info.is_live, instead) {
         (true, "") => format!("end it first: {end}"),

@@ -11,19 +11,18 @@ use pulsetrain_motion::human;
 use pulsetrain_motion::program::Program;
 use pulsetrain_plot::{Errors, MotorPicture, Picture};
 use pulsetrain_report::run::file_name;
-use pulsetrain_session::control::{Ended, Event};
+use pulsetrain_session::control::Ended;
 use pulsetrain_session::drive::{DriveError, Driven};
 
-use super::live::{Staged, Trace, Way, in_words, proving};
+use super::live::{PreparedLive, Trace, Transport, in_words, proving};
 use super::problems::drive_problem;
 use super::run::draw;
 use crate::console::{Access, Console, Exit};
 use crate::diagnostic::{WrongFile, advised};
 use crate::files::inputs;
 use crate::files::outputs::{self, Destination};
-use crate::live::incoming::has_stop;
 use crate::live::log::{LogEntry, LogLine, Replay};
-use crate::live::{Desk, Happened, Show};
+use crate::live::{LiveRun, LiveSetpoints, NamedFiles, RunEvent};
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
@@ -93,10 +92,10 @@ impl ReplayRecorder {
         ReplayRecorder { trace, picture, positions: vec![0; motors.len()], now_s: 0.0 }
     }
 
-    fn note(&mut self, happened: &Happened) {
+    fn note(&mut self, happened: &RunEvent) {
         match happened {
-            Happened::Session(Event::Progress { at_s }) => self.now_s = *at_s,
-            Happened::Session(Event::Status(status)) => {
+            RunEvent::Progress { at_s } => self.now_s = *at_s,
+            RunEvent::Status(status) => {
                 self.now_s = status.at_s;
                 for (picture, motor) in self.picture.motors.iter_mut().zip(&status.motors) {
                     if let (Some(target), Some(speed)) = (motor.target, motor.speed) {
@@ -105,11 +104,10 @@ impl ReplayRecorder {
                 }
             }
             // Their own times are those at which the new tempo is reached.
-            Happened::Session(Event::Tempo { .. } | Event::Pausing { .. } | Event::Resuming { .. }) => {
+            RunEvent::Tempo { .. } | RunEvent::Pausing { .. } | RunEvent::Resuming { .. } => {
                 self.picture.changes.push(self.now_s);
             }
-            Happened::Session(_) => {}
-            Happened::Live(event) => self.picture.changes.extend(event.changes_from_s()),
+            event => self.picture.changes.extend(event.changes_from_s()),
         }
     }
 }
@@ -129,7 +127,7 @@ impl Observer for ReplayRecorder {
 }
 
 /// Something done, and its tick.
-type TickedEvent = (u64, Happened);
+type TickedEvent = (u64, RunEvent);
 
 pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Result<Exit> {
     let file = inputs::open(&args.log, inputs::MAX_LOG_BYTES)?;
@@ -147,10 +145,10 @@ pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Resul
         }
     };
     let board = head.board.as_deref();
-    let opened = Desk::of(&head.text, &head.file, PathBuf::new(), board, Some(head.files.clone()));
+    let opened = LiveSetpoints::of(&head.text, &head.file, board, NamedFiles::Only(head.files.clone()));
     let opened = opened.map_err(WrongFile::from)?;
-    let way = Way { is_native: head.is_native, port: None, baud };
-    let mut staged = Staged::new(opened, &head.file, board, way, console)?;
+    let way = Transport { is_native: head.is_native, port: None, baud };
+    let mut staged = PreparedLive::new(opened, &head.file, board, way, console)?;
     if let Some(positions) = &head.rests_at {
         staged.rest_at(positions)?;
     }
@@ -200,7 +198,7 @@ pub(crate) fn run(args: &ReplayArgs, console: &mut Console<'_>) -> miette::Resul
 /// Runs the motion of a log again.
 fn again<B: Leased>(
     driven: Driven<B>,
-    staged: &Staged,
+    staged: &PreparedLive,
     log: &Replay,
     args: &ReplayArgs,
     console: &mut Console<'_>,
@@ -212,10 +210,14 @@ fn again<B: Leased>(
     };
     let zero = driven.zero();
     let mut recorder = ReplayRecorder::new(trace, &staged.prepared.program, &log.head.file);
-    let (desk, rejoins) = (staged.desk.clone(), log.head.rejoins);
-    let show = if staged.is_at_rest { Show::at_rest(driven, desk, rejoins) } else { Show::new(driven, desk, rejoins) };
+    let (setpoints, rejoins) = (staged.setpoints.clone(), log.head.rejoins);
+    let run = if staged.is_at_rest {
+        LiveRun::at_rest(driven, setpoints, rejoins)
+    } else {
+        LiveRun::new(driven, setpoints, rejoins)
+    };
     let mut done: Vec<TickedEvent> = Vec::new();
-    let (now, ended) = perform(show, log, PATIENCE_S * hz, &mut recorder, &mut done);
+    let (now, ended) = perform(run, log, PATIENCE_S * hz, &mut recorder, &mut done);
     let ReplayRecorder { trace, picture, .. } = recorder;
     let unwritten: Option<Access> = trace.finish();
     if args.verbose {
@@ -227,7 +229,7 @@ fn again<B: Leased>(
     }
     // What ended the run in the log is in its lines, too.
     if let Err(error) = ended
-        && !done.iter().any(|(_, happened)| matches!(happened, Happened::Session(Event::Failed { .. })))
+        && !done.iter().any(|(_, happened)| matches!(happened, RunEvent::Failed { .. }))
     {
         return Err(drive_problem(error));
     }
@@ -263,12 +265,12 @@ fn is_whole(log: &Replay) -> bool {
 /// Whether the lines that are left have a stop, at this tick or before it.
 fn stop_waits(lines: &[LogLine], tick: u64) -> bool {
     let until_now = lines.iter().take_while(|line| line.tick <= tick);
-    { until_now }.any(|line| matches!(&line.entry, LogEntry::Asked(request) if has_stop(request)))
+    { until_now }.any(|line| matches!(&line.entry, LogEntry::Asked(batch) if batch.has_stop()))
 }
 
 /// Gives the requests of a log at their ticks. Returns the tick at the end.
 fn perform<B: Leased>(
-    mut show: Show<B>,
+    mut run: LiveRun<B>,
     log: &Replay,
     patience: u64,
     recorder: &mut ReplayRecorder,
@@ -277,42 +279,40 @@ fn perform<B: Leased>(
     let lines: &[LogLine] = &log.lines;
     let last = lines.last().map_or(0, |line| line.tick) + if is_whole(log) { patience } else { 0 };
     let mut next = 0;
-    let mut keep = |events: &mut Vec<Happened>, tick: u64, recorder: &mut ReplayRecorder| {
+    let mut keep = |events: &mut Vec<RunEvent>, tick: u64, recorder: &mut ReplayRecorder| {
         events.iter().for_each(|happened| recorder.note(happened));
-        let is_kept =
-            |happened: &Happened| !matches!(happened, Happened::Session(Event::Progress { .. } | Event::Status(_)));
+        let is_kept = |happened: &RunEvent| !matches!(happened, RunEvent::Progress { .. } | RunEvent::Status(_));
         done.extend(events.drain(..).filter(is_kept).map(|happened| (tick, happened)));
     };
     loop {
         let mut events = Vec::new();
-        while let Some(line) = lines.get(next).filter(|line| line.tick <= show.now()) {
+        while let Some(line) = lines.get(next).filter(|line| line.tick <= run.now()) {
             next += 1;
-            let LogEntry::Asked(request) = &line.entry else { continue };
+            let LogEntry::Asked(batch) = &line.entry else { continue };
             // Files that a changed motion file names follow it in the log.
             let after = lines[next..].iter().take_while(|line| !matches!(line.entry, LogEntry::Asked(_)));
             after.for_each(|line| {
                 if let LogEntry::Files(files) = &line.entry {
-                    show.desk().provide(files);
+                    run.setpoints().provide(files);
                 }
             });
             let mut stop_waits = |tick: u64| stop_waits(&lines[next..], tick);
-            let obeyed =
-                show.obey_until(request.clone(), &mut stop_waits, recorder, &mut |happened| events.push(happened));
-            if !matches!(obeyed, Ok(None)) {
-                keep(&mut events, show.now(), recorder);
-                return (show.now(), obeyed);
+            let handled = run.handle_until(batch.clone(), &mut stop_waits, recorder, &mut |event| events.push(event));
+            if !matches!(handled, Ok(None)) {
+                keep(&mut events, run.now(), recorder);
+                return (run.now(), handled);
             }
         }
         // The log of a run that was killed ends on the way; another one ends with the run.
-        if next >= lines.len() && show.now() >= last {
-            keep(&mut events, show.now(), recorder);
-            return (show.now(), Ok(None));
+        if next >= lines.len() && run.now() >= last {
+            keep(&mut events, run.now(), recorder);
+            return (run.now(), Ok(None));
         }
         let mut stop_waits = |tick: u64| stop_waits(&lines[next..], tick);
-        let stepped = show.step_until(&mut stop_waits, recorder, &mut |happened| events.push(happened));
-        keep(&mut events, show.now(), recorder);
+        let stepped = run.step_until(&mut stop_waits, recorder, &mut |happened| events.push(happened));
+        keep(&mut events, run.now(), recorder);
         if !matches!(stepped, Ok(None)) {
-            return (show.now(), stepped);
+            return (run.now(), stepped);
         }
     }
 }
@@ -321,29 +321,28 @@ fn perform<B: Leased>(
 mod tests {
     use super::*;
     use crate::live::log::{LogHead, VERSION};
-    use crate::live::{KnobValue, LiveCommand, LiveEvent, Request};
-    use pulsetrain_session::control::Command;
+    use crate::live::{KnobValue, RunCommand, RunEvent};
 
     /// A stop ended the search for a knob's nearest value while the log was written: it ends the replay's search at the same tick.
     #[test]
     fn a_stop_ends_a_search_where_it_did() {
         let text = include_str!("../../../../examples/live.toml");
-        let opened = Desk::of(text, "live.toml", PathBuf::new(), None, Some(Default::default()));
-        let (mut desk, contents) = opened.map_err(|error| error.plain()).unwrap();
+        let opened = LiveSetpoints::of(text, "live.toml", None, NamedFiles::none());
+        let (mut setpoints, contents) = opened.map_err(|error| error.plain()).unwrap();
         let mut prepared = pulsetrain_session::prepare::Prepared::new("live.toml".to_owned(), contents, None).unwrap();
         prepared.prove_first(|_| {}).unwrap();
-        desk.set_up(&prepared.program);
+        setpoints.set_up(&prepared.program);
         let driven = Driven::native(&prepared).unwrap();
         let hz = prepared.program.board.tick_hz;
         let asked_at = driven.zero() + hz;
         let stop_at = asked_at + hz * 35 / 1000;
         let (knob, value) = ("second.frequency".to_owned(), KnobValue::Text("50 Hz".to_owned()));
         let entries = [
-            (asked_at, LogEntry::Asked(Request::Live(LiveCommand::Set { knob, value }))),
-            (stop_at, LogEntry::Asked(Request::Session(Command::Stop))),
+            (asked_at, LogEntry::Asked(RunCommand::Set { knob, value }.into())),
+            (stop_at, LogEntry::Asked(RunCommand::Stop.into())),
             (stop_at + hz, LogEntry::Over),
         ];
-        let lines = entries.map(|(tick, entry)| LogLine::now(tick, 0.0, entry));
+        let lines = entries.map(|(tick, entry)| LogLine { tick, at_s: 0.0, unix_s: 0.0, entry });
         let head = LogHead {
             pulsetrain_log: VERSION,
             program: "0".to_owned(),
@@ -361,11 +360,11 @@ mod tests {
         let trace = Trace::none();
         let mut recorder = ReplayRecorder::new(trace, &prepared.program, "live.toml");
         let mut done = Vec::new();
-        let show = Show::new(driven, desk, true);
-        let (_, ended) = perform(show, &log, PATIENCE_S * hz, &mut recorder, &mut done);
+        let run = LiveRun::new(driven, setpoints, true);
+        let (_, ended) = perform(run, &log, PATIENCE_S * hz, &mut recorder, &mut done);
         assert!(ended.unwrap().is_some_and(|ended| ended.stopped));
-        let refused = done.iter().find(|(_, it)| matches!(it, Happened::Live(LiveEvent::Refused { .. })));
-        let stopping = done.iter().find(|(_, it)| matches!(it, Happened::Session(Event::Stopping { .. })));
+        let refused = done.iter().find(|(_, it)| matches!(it, RunEvent::Refused { .. }));
+        let stopping = done.iter().find(|(_, it)| matches!(it, RunEvent::Stopping { .. }));
         for (tick, _) in [refused, stopping].map(|found| found.expect("it is done")) {
             assert!((stop_at..stop_at + hz * 25 / 1000).contains(tick), "{tick}, not soon after {stop_at}");
         }

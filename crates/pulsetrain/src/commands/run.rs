@@ -15,9 +15,10 @@ use super::on_port::{self, PortRun};
 use super::problems::{RunStopped, drive_problem, run_problem};
 use super::{plan, ports};
 use crate::console::{self, Access, Console, Exit};
-use crate::control_socket::{Control, Ending, RunEnded, RunInfo};
+use crate::control_socket::{Control, run_info};
 use crate::diagnostic::advised;
 use crate::interrupt;
+use crate::live::{Ending, RunEnded};
 use crate::way_back::{quoted, way_back};
 use pulsetrain_plot::Picture;
 use pulsetrain_report::record::{Files, OutputFile, Recorded, Unwritten};
@@ -190,7 +191,7 @@ pub(super) fn perform(prepared: Prepared, how: &HowToRun<'_>, console: &mut Cons
     };
     let files: Vec<&str> = files.into_iter().filter(is_wanted).collect();
     outputs::claim_all(how.folder, &files, "--out")?;
-    let info = RunInfo::new(&prepared.file, &prepared.program, how.port, how.native);
+    let info = run_info(&prepared.file, &prepared.program, how.port, how.native);
     let control = Control::open(&info, console);
     let done = perform_with(prepared, how, &control, console);
     match &done {
@@ -352,7 +353,7 @@ impl Progress for RunBars<'_, '_> {
         let end_s = self.end_s;
         self.bar("running", |console| console.run_progress(end_s)).follow(event);
         if let Some(control) = self.control {
-            control.tell(event);
+            control.publish(&event.clone().into());
         }
     }
 }

@@ -6,13 +6,14 @@ use std::time::Duration;
 use clap::Args;
 use miette::miette;
 use pulsetrain_motion::human;
-use pulsetrain_session::control::{Event, Status};
+use pulsetrain_session::control::Status;
 use serde::Serialize;
 
-use super::steer::{in_words, live_in_words};
+use super::steer::in_words;
 use super::stop::chosen;
 use crate::console::{Console, Exit};
-use crate::control_socket::{RunClient, RunEnded, RunInfo, RunLine, runs};
+use crate::control_socket::{RunClient, runs};
+use crate::live::{RunEnded, RunEvent, RunInfo, RunLine};
 
 #[derive(Args, Debug)]
 #[command(after_help = "\
@@ -67,9 +68,9 @@ fn show(mut run: RunClient, args: &StatusArgs, console: &mut Console<'_>) -> mie
         let line = if args.follow { Some(run.next_line()?) } else { run.next_line_within(PATIENCE)? };
         let info = run.info();
         let line = match line {
-            None | Some(RunLine::Event(Event::Status(_))) => {
+            None | Some(RunLine::Event(RunEvent::Status(_))) => {
                 let status = match line {
-                    Some(RunLine::Event(Event::Status(status))) => Some(status),
+                    Some(RunLine::Event(RunEvent::Status(status))) => Some(status),
                     _ => None,
                 };
                 let motors = status.iter().flat_map(|status| status.motors.iter().enumerate());
@@ -95,14 +96,7 @@ fn show(mut run: RunClient, args: &StatusArgs, console: &mut Console<'_>) -> mie
                     console.print(format_args!("{}\n", in_words(&event)))?
                 }
             }
-            RunLine::Live(event) if args.follow => {
-                if args.json {
-                    print_line(&event, console)?
-                } else {
-                    console.print(format_args!("{}\n", live_in_words(&event)))?
-                }
-            }
-            RunLine::Event(_) | RunLine::Live(_) | RunLine::Control { .. } | RunLine::Info(_) => {}
+            RunLine::Event(_) | RunLine::Control { .. } | RunLine::Info(_) => {}
             RunLine::Error { error } => return Err(miette!("the run at {}: {error}", info.place())),
             RunLine::Ended(end) => {
                 return if args.json {

@@ -13,11 +13,11 @@ use serde::Serialize;
 use super::info::{listed, motor_list};
 use super::problems::{drive_problem, port_problem};
 use crate::console::{Console, Exit};
-use crate::control_socket::{Ending, RunClient, RunEnded, RunInfo, RunLine, SocketError, runs};
+use crate::control_socket::{RunClient, SocketError, port_paths, runs};
+use crate::live::{Ending, RunCommand, RunEnded, RunEvent, RunInfo, RunLine};
 use crate::way_back::quoted;
 use crate::winch::talk::{BoardLine, Talk, with_checksum};
 use pulsetrain_motion::human;
-use pulsetrain_session::control::{Command, Event};
 use pulsetrain_session::drive::session_number;
 
 /// Which runs or board to stop.
@@ -93,7 +93,8 @@ pub(super) fn chosen(
     command: &str,
 ) -> miette::Result<Vec<RunClient>> {
     if let Some(port) = port {
-        return Ok(runs.into_iter().filter(|run| run.info().is_at(port)).collect());
+        let paths = port_paths(port);
+        return Ok(runs.into_iter().filter(|run| run.info().is_at(port, &paths)).collect());
     }
     if runs.is_empty() {
         let help = "a run that another user began is stopped by that user; a board that moves without a run: \
@@ -126,17 +127,17 @@ pub(crate) struct StoppedRunReport {
 
 /// Asks all these runs to stop, and then waits for each.
 fn stop_runs(mut runs: Vec<RunClient>, now: bool, json: bool, console: &mut Console<'_>) -> miette::Result<Exit> {
-    let command = if now { Command::StopNow } else { Command::Stop };
+    let command = if now { RunCommand::StopNow } else { RunCommand::Stop };
     for run in &mut runs {
-        run.command(command)?;
+        run.command(&command)?;
     }
     let mut reports = Vec::new();
     for mut run in runs {
         let mut brakes_at_s = None;
         let end = loop {
             match run.next_line()? {
-                RunLine::Event(Event::Stopping { at_s }) => brakes_at_s = Some(at_s),
-                RunLine::Event(_) | RunLine::Live(_) | RunLine::Control { .. } | RunLine::Info(_) => {}
+                RunLine::Event(RunEvent::Stopping { at_s }) => brakes_at_s = Some(at_s),
+                RunLine::Event(_) | RunLine::Control { .. } | RunLine::Info(_) => {}
                 RunLine::Error { error } => {
                     return Err(miette!("the run at {} refuses to stop: {error}", run.info().place()));
                 }

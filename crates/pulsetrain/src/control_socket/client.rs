@@ -7,9 +7,9 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use pulsetrain_session::control::Command;
-
-use super::{RunInfo, RunLine, SocketError, VERSION};
+use super::SocketError;
+use crate::live::run_line::VERSION;
+use crate::live::{RunCommand, RunInfo, RunLine};
 
 /// A run sends its first line at once. One that does not is no run of ours.
 const FIRST_LINE: Duration = Duration::from_secs(2);
@@ -43,8 +43,8 @@ impl RunClient {
     ///
     /// # Errors
     /// If the run has gone away, or is of another version.
-    pub fn command(&mut self, command: Command) -> Result<(), SocketError> {
-        self.send(&command)
+    pub fn command(&mut self, command: &RunCommand) -> Result<(), SocketError> {
+        self.send(command)
     }
 
     /// Asks for a line with each status of the run.

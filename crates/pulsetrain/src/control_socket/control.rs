@@ -2,20 +2,20 @@
 
 use std::sync::mpsc::{Receiver, channel};
 
-use pulsetrain_session::control::{Command, Event};
+use pulsetrain_session::control::Command;
 
+use super::ControlSocket;
 use super::hub::Hub;
-use super::{ControlSocket, RunEnded, RunInfo};
-use super::{Happened, Request};
 use crate::console::Console;
 use crate::interrupt;
+use crate::live::{Batch, RunCommand, RunEnded, RunEvent, RunInfo};
 
-/// A run's hub with its control socket, and the requests of its clients and of Ctrl-C.
+/// A run's hub with its control socket, and the commands of its clients and of Ctrl-C.
 #[derive(Debug)]
 pub struct Control {
     hub: Hub,
     commands: Receiver<Command>,
-    requests: Receiver<Request>,
+    batches: Receiver<Batch>,
     /// `None` if the socket could not be made.
     socket: Option<ControlSocket>,
 }
@@ -24,14 +24,14 @@ impl Control {
     /// Listens to Ctrl-C and at a socket for a run. If there can be no socket, it prints why, and the run goes on without.
     pub fn open(info: &RunInfo, console: &mut Console<'_>) -> Control {
         let (to_commands, commands) = channel();
-        let (to_requests, requests) = channel();
+        let (to_batches, batches) = channel();
         // After the end of a run the channel is closed, and a command is dropped.
         let hub = if info.is_live {
-            let pressed = to_requests.clone();
+            let pressed = to_batches.clone();
             interrupt::send_to(move |command| {
-                let _ = pressed.send(Request::Session(command));
+                let _ = pressed.send(RunCommand::from(command).into());
             });
-            Hub::of_live(info.clone(), to_requests)
+            Hub::of_live(info.clone(), to_batches)
         } else {
             let pressed = to_commands.clone();
             interrupt::send_to(move |command| {
@@ -42,7 +42,7 @@ impl Control {
         let socket = ControlSocket::listen(&info.name, &hub).map_err(|error| {
             console.tell(format_args!("`pulsetrain stop` cannot reach this run, only Ctrl-C can: {error}\n"));
         });
-        Control { hub, commands, requests, socket: socket.ok() }
+        Control { hub, commands, batches, socket: socket.ok() }
     }
 
     /// The hub, which other transports join.
@@ -57,10 +57,10 @@ impl Control {
         &self.commands
     }
 
-    /// The requests to a live motion, as they come. A `run` has none.
+    /// The commands to a live motion, as they come. A `run` has none.
     #[must_use]
-    pub fn requests(&self) -> &Receiver<Request> {
-        &self.requests
+    pub fn batches(&self) -> &Receiver<Batch> {
+        &self.batches
     }
 
     /// Whether a client has asked for a stop.
@@ -69,17 +69,12 @@ impl Control {
         self.hub.wants_stop()
     }
 
-    /// Tells the clients of an event of the session. It never waits for them.
-    pub fn tell(&self, event: &Event) {
-        self.hub.tell(event);
+    /// Sends the clients an event. It never waits for them.
+    pub fn publish(&self, event: &RunEvent) {
+        self.hub.publish(event);
     }
 
-    /// Tells the clients what happened. It never waits for them.
-    pub fn tell_happened(&self, happened: &Happened) {
-        self.hub.tell_happened(happened);
-    }
-
-    /// Tells the clients how the run ended, and closes the socket.
+    /// Sends the clients how the run ended, and closes the socket.
     pub fn end(mut self, ended: &RunEnded) {
         self.close(Some(ended));
     }

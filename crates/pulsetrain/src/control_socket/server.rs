@@ -9,11 +9,13 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
+use super::SocketError;
 use super::client::{ENDING, folder};
-use super::hub::{ClientKind, Hub, HubLines, HubSender, JoinError, LONG_LINE_TIME, PATIENCE};
-use super::{LONGEST_LINE, LONGEST_MOTION_LINE, MOST_TOGETHER, RunLine, SocketError};
+use super::hub::{Hub, HubLines, HubSender, LONG_LINE_TIME, PATIENCE};
 use crate::clock::Onward;
 use crate::files::outputs::rename_own;
+use crate::live::run_line::{MAX_BATCH_COMMANDS, MAX_LINE_BYTES, MAX_MOTION_LINE_BYTES, RunLine};
+use crate::live::{ClientKind, JoinError};
 
 /// A run's socket. It goes away with this value.
 #[derive(Debug)]
@@ -91,7 +93,7 @@ fn serve(mut stream: UnixStream, hub: &Hub) -> io::Result<()> {
     thread::Builder::new().name("control client".into()).spawn(move || write(output, &lines))?;
     thread::Builder::new().name("control client".into()).spawn(move || {
         let clock = Onward::from(Duration::ZERO);
-        hear(stream, &sender, PATIENCE, &|| clock.now());
+        receive(stream, &sender, PATIENCE, &|| clock.now());
     })?;
     Ok(())
 }
@@ -108,20 +110,20 @@ fn write(mut output: UnixStream, lines: &HubLines) {
 
 /// Reads a client's lines until it has no more. In the middle of a long line it may be silent for `patience`, and all of that line may take
 /// [`LONG_LINE_TIME`] by the clock `now`.
-fn hear(input: UnixStream, sender: &HubSender, patience: Duration, now: &dyn Fn() -> Duration) {
+fn receive(input: UnixStream, sender: &HubSender, patience: Duration, now: &dyn Fn() -> Duration) {
     let mut input = BufReader::new(input);
     let mut lines: Vec<Vec<u8>> = Vec::new();
     loop {
         let mut line = Vec::new();
-        let read = (&mut input).take(LONGEST_LINE as u64).read_until(b'\n', &mut line);
+        let read = (&mut input).take(MAX_LINE_BYTES as u64).read_until(b'\n', &mut line);
         // The last line may come without its end.
-        let is_long = line.len() >= LONGEST_LINE && line.last() != Some(&b'\n');
+        let is_long = line.len() >= MAX_LINE_BYTES && line.last() != Some(&b'\n');
         if is_long {
             sender.lines(lines.iter().map(Vec::as_slice));
             lines.clear();
             // Only a live motion takes a motion file.
             if !sender.hub().is_live() {
-                return sender.complain(format!("a line has {LONGEST_LINE} bytes at most"));
+                return sender.complain(format!("a line has {MAX_LINE_BYTES} bytes at most"));
             }
             // One at a time: the process has room for one. The others wait for it, and so it must not stop half way.
             let _alone = sender.hub().long_line();
@@ -141,7 +143,7 @@ fn hear(input: UnixStream, sender: &HubSender, patience: Duration, now: &dyn Fn(
         }
         lines.push(line);
         // Lines of one write act together.
-        if lines.len() == MOST_TOGETHER || !input.buffer().contains(&b'\n') {
+        if lines.len() == MAX_BATCH_COMMANDS || !input.buffer().contains(&b'\n') {
             sender.lines(lines.iter().map(Vec::as_slice));
             lines.clear();
         }
@@ -172,8 +174,8 @@ fn read_long_line(
         let len = end.map_or(part.len(), |end| end + 1);
         line.extend_from_slice(&part[..len]);
         input.consume(len);
-        if line.len() > LONGEST_MOTION_LINE || (line.len() == LONGEST_MOTION_LINE && end.is_none()) {
-            return Ok(Some(format!("a line with a motion file has {LONGEST_MOTION_LINE} bytes at most")));
+        if line.len() > MAX_MOTION_LINE_BYTES || (line.len() == MAX_MOTION_LINE_BYTES && end.is_none()) {
+            return Ok(Some(format!("a line with a motion file has {MAX_MOTION_LINE_BYTES} bytes at most")));
         }
         // The last line may come without its end.
         if end.is_some() || len == 0 {
@@ -190,8 +192,8 @@ fn read_long_line(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control_socket::{LiveCommand, Request, RunInfo};
     use crate::live::FileTexts;
+    use crate::live::{RunCommand, RunInfo};
     use pulsetrain_motion::file::MOST_OF_A_MOTION_FILE;
     use std::sync::atomic::{AtomicU64, Ordering};
     use std::sync::mpsc::channel;
@@ -205,7 +207,7 @@ mod tests {
         // Each look at this clock is 10 s later.
         let looks = AtomicU64::new(0);
         let now = move || Duration::from_secs(10 * looks.fetch_add(1, Ordering::SeqCst));
-        thread::spawn(move || hear(theirs, &sender, patience, &now));
+        thread::spawn(move || receive(theirs, &sender, patience, &now));
         ours.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
         let mut client = BufReader::new(ours);
         client.read_line(&mut String::new()).unwrap();
@@ -218,15 +220,15 @@ mod tests {
         let hub = Hub::of_live(RunInfo { is_live: true, ..RunInfo::nothing() }, sender);
         hub.looked();
         let mut stuck = client(&hub, Duration::from_millis(1));
-        stuck.get_mut().write_all(&[b' '; LONGEST_LINE + 1]).unwrap();
+        stuck.get_mut().write_all(&[b' '; MAX_LINE_BYTES + 1]).unwrap();
         let mut said = String::new();
         stuck.read_line(&mut said).unwrap();
         assert!(said.contains("a line stopped after 4097 bytes for 0.001 s"), "{said}");
         let mut other = client(&hub, Duration::from_secs(60));
-        let text = " ".repeat(LONGEST_LINE);
+        let text = " ".repeat(MAX_LINE_BYTES);
         let line = format!("{{\"command\":\"motion\",\"text\":\"{text}\"}}\n");
         other.get_mut().write_all(line.as_bytes()).unwrap();
-        let motion = Request::Live(LiveCommand::Motion { text, files: FileTexts::new() });
+        let motion = RunCommand::Motion { text, files: FileTexts::new() }.into();
         assert_eq!(requests.recv_timeout(Duration::from_secs(60)), Ok(motion));
     }
 
@@ -238,7 +240,7 @@ mod tests {
         hub.looked();
         let mut slow = client(&hub, Duration::from_secs(60));
         let mut output = slow.get_ref().try_clone().unwrap();
-        output.write_all(&[b' '; LONGEST_LINE]).unwrap();
+        output.write_all(&[b' '; MAX_LINE_BYTES]).unwrap();
         // It sends on until it is cut off.
         let sends = thread::spawn(move || while output.write_all(b" ").is_ok() {});
         let mut said = String::new();
@@ -246,9 +248,9 @@ mod tests {
         assert!(said.contains("bytes of a line came within 30 s, and not its end"), "{said}");
         sends.join().unwrap();
         let mut other = client(&hub, Duration::from_secs(60));
-        let text = " ".repeat(LONGEST_LINE);
+        let text = " ".repeat(MAX_LINE_BYTES);
         other.get_mut().write_all(format!("{{\"command\":\"motion\",\"text\":\"{text}\"}}\n").as_bytes()).unwrap();
-        let motion = Request::Live(LiveCommand::Motion { text, files: FileTexts::new() });
+        let motion = RunCommand::Motion { text, files: FileTexts::new() }.into();
         assert_eq!(requests.recv_timeout(Duration::from_secs(60)), Ok(motion));
     }
 
@@ -260,7 +262,7 @@ mod tests {
             let read: String = serde_json::from_str(&format!("\"{written}\"")).unwrap();
             assert_eq!(read, character);
             let line = r#"{"command":"motion","text":""}"#.len() + bytes / character.len() * written.len() + 1;
-            assert!(line <= LONGEST_MOTION_LINE, "{character}: {line}");
+            assert!(line <= MAX_MOTION_LINE_BYTES, "{character}: {line}");
         }
     }
 }

@@ -1,10 +1,12 @@
 //! Files that a user names to be read: each has a most that is read, and what is no file is refused before it is opened.
 
 use std::fs::File;
-use std::io::{self, BufRead, Read};
+use std::io::{self, Read as _};
 use std::path::Path;
 
 use pulsetrain_motion::file;
+
+pub use crate::live::input_line::{InputLine, next_line};
 
 use super::{Identity, KNOWN};
 use crate::console::{Access, access};
@@ -17,8 +19,6 @@ pub const MAX_IMAGE_BYTES: u64 = 16_000_000;
 pub const MAX_CAPTURE_BYTES: u64 = 1_000_000_000;
 /// The largest log of a live motion, bytes.
 pub const MAX_LOG_BYTES: u64 = 1_000_000_000;
-/// The longest line of a log, bytes: one with a motion file and the tables that it names.
-pub const MAX_LOG_LINE_BYTES: u64 = 200_000_000;
 /// The longest line that is taken from standard input, bytes. The longest order has some hundred.
 pub const MAX_TYPED_BYTES: u64 = 4096;
 
@@ -67,66 +67,4 @@ pub(super) fn note(path: &Path) {
             known.inputs.push((path.to_owned(), identity));
         }
     });
-}
-
-/// A line of an input, as [`next_line`] reads it.
-#[derive(Debug, PartialEq, Eq)]
-pub enum InputLine {
-    /// It is in the buffer, with its end, if it has one.
-    Whole,
-    /// It is longer than what is taken of a line, and was read to its end. The buffer has its beginning.
-    TooLong,
-    /// The input has ended.
-    Over,
-}
-
-/// Reads the next line of an input into `line`, and keeps no more than `most` bytes of it.
-///
-/// # Errors
-/// Errors of `input`.
-pub fn next_line(input: &mut (impl BufRead + ?Sized), line: &mut Vec<u8>, most: u64) -> io::Result<InputLine> {
-    line.clear();
-    (&mut *input).take(most + 1).read_until(b'\n', line)?;
-    if line.is_empty() {
-        return Ok(InputLine::Over);
-    }
-    if line.len() as u64 <= most || line.ends_with(b"\n") {
-        return Ok(InputLine::Whole);
-    }
-    let mut ended = false;
-    while !ended {
-        let buffer = input.fill_buf()?;
-        let end = buffer.iter().position(|byte| *byte == b'\n');
-        ended = end.is_some() || buffer.is_empty();
-        let used = end.map_or(buffer.len(), |end| end + 1);
-        input.consume(used);
-    }
-    Ok(InputLine::TooLong)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::io::BufReader;
-
-    #[test]
-    fn a_line_without_an_end_is_not_kept() {
-        let mut input = BufReader::new(&b"12345\n123456\n1234567890123\nx"[..]);
-        let (mut line, mut seen) = (Vec::new(), Vec::new());
-        loop {
-            let found = next_line(&mut input, &mut line, 6).unwrap();
-            if found == InputLine::Over {
-                break;
-            }
-            seen.push((found == InputLine::Whole, String::from_utf8(line.clone()).unwrap()));
-        }
-        let expected = [(true, "12345\n"), (true, "123456\n"), (false, "1234567"), (true, "x")];
-        assert_eq!(seen, expected.map(|(whole, text)| (whole, text.to_owned())));
-        // An endless line takes no memory, and its end is still found.
-        let long = io::repeat(b'a').take(100_000_000).chain(&b"\nb\n"[..]);
-        let mut input = BufReader::new(long);
-        assert_eq!(next_line(&mut input, &mut line, 10).unwrap(), InputLine::TooLong);
-        assert!(line.capacity() < 1000);
-        assert_eq!((next_line(&mut input, &mut line, 10).unwrap(), &line[..]), (InputLine::Whole, &b"b\n"[..]));
-    }
 }

@@ -3,11 +3,10 @@
 use std::time::Duration;
 
 use pulsetrain_motion::file::{Midi, MidiDial, MidiKey, MidiOrder};
-use pulsetrain_session::control::Command;
 use wmidi::MidiMessage;
 
 use super::ClockTempo;
-use crate::live::{KnobInfo, KnobValue, LiveCommand, Request};
+use crate::live::{KnobInfo, KnobValue, RunCommand};
 
 /// From a controller's first 7 bits to the other ones. Source: MIDI 1.0, table III.
 const FINE: u8 = 32;
@@ -17,15 +16,15 @@ const PRESSED: u8 = 64;
 /// Translates MIDI messages to requests of a live motion, by its `[live.midi]`.
 ///
 /// ```
-/// use pulsetrain::live::{KnobInfo, KnobValue, LiveCommand, Request};
+/// use pulsetrain::live::{KnobInfo, KnobValue, RunCommand};
 /// use pulsetrain::midi::Interpreter;
 /// use pulsetrain::motion::file::{Midi, MidiDial};
 /// let midi = Midi { knobs: vec![(MidiDial::Controller(1), "speed".to_owned())], ..Midi::default() };
 /// let (name, target, unit) = ("speed".to_owned(), "wheel.frequency".to_owned(), "Hz".to_owned());
 /// let knob = KnobInfo { name, target, unit, least: Some(0.0), greatest: Some(2.0), value: 1.0 };
-/// let set = LiveCommand::Set { knob: "speed".to_owned(), value: KnobValue::Number(2.0) };
+/// let set = RunCommand::Set { knob: "speed".to_owned(), value: KnobValue::Number(2.0) };
 /// let mut interpreter = Interpreter::new(midi);
-/// assert_eq!(interpreter.hear(&[0xb0, 1, 127], Default::default(), &[knob]), [Request::Live(set)]);
+/// assert_eq!(interpreter.hear(&[0xb0, 1, 127], Default::default(), &[knob]), [set]);
 /// assert_eq!(interpreter.hear(&[0xb0, 2, 127], Default::default(), &[]), []);
 /// ```
 #[derive(Clone, Debug)]
@@ -47,7 +46,7 @@ impl Interpreter {
     }
 
     /// What a message that came at `at` asks for. `knobs` are those of the motion, with their ranges. Bytes that are no message ask for nothing.
-    pub fn hear(&mut self, bytes: &[u8], at: Duration, knobs: &[KnobInfo]) -> Vec<Request> {
+    pub fn hear(&mut self, bytes: &[u8], at: Duration, knobs: &[KnobInfo]) -> Vec<RunCommand> {
         let Ok(message) = MidiMessage::try_from(bytes) else { return Vec::new() };
         let channel = message.channel().map(|channel| channel.index() + 1);
         if channel.is_some() && self.midi.channel.is_some_and(|own| Some(own) != channel) {
@@ -56,7 +55,7 @@ impl Interpreter {
         match message {
             MidiMessage::TimingClock => {
                 let rate = self.clock.as_mut().and_then(|clock| clock.tick(at));
-                rate.map(|rate| Request::Session(Command::Tempo { rate })).into_iter().collect()
+                rate.map(|rate| RunCommand::Tempo { rate }).into_iter().collect()
             }
             // A note with velocity 0 is released. Source: MIDI 1.0, "Note-On".
             MidiMessage::NoteOn(_, note, velocity) if u8::from(velocity) > 0 => self.press(MidiKey::Note(note.into())),
@@ -69,7 +68,7 @@ impl Interpreter {
         }
     }
 
-    fn control(&mut self, number: u8, value: u8, knobs: &[KnobInfo]) -> Vec<Request> {
+    fn control(&mut self, number: u8, value: u8, knobs: &[KnobInfo]) -> Vec<RunCommand> {
         let mut turned = vec![(MidiDial::Controller(number), f64::from(value) / 127.0)];
         // The first 7 bits come first; the other 7 are 0 until they come. Source: MIDI 1.0, "Control Change".
         let first = if number < FINE { Some(number) } else { number.checked_sub(FINE).filter(|first| *first < FINE) };
@@ -89,27 +88,27 @@ impl Interpreter {
     }
 
     /// Turns the knobs of a dial to a part of their range.
-    fn turn(&self, turned: &[(MidiDial, f64)], knobs: &[KnobInfo]) -> Vec<Request> {
+    fn turn(&self, turned: &[(MidiDial, f64)], knobs: &[KnobInfo]) -> Vec<RunCommand> {
         let request = |(dial, name): &(MidiDial, String)| {
             let (_, part) = turned.iter().find(|(turned, _)| turned == dial)?;
             let knob = knobs.iter().find(|knob| knob.name == *name)?;
             let (least, greatest) = (knob.least?, knob.greatest?);
             // The ends are exact.
             let value = if *part == 1.0 { greatest } else { least + (greatest - least) * part };
-            Some(Request::Live(LiveCommand::Set { knob: name.clone(), value: KnobValue::Number(value) }))
+            Some(RunCommand::Set { knob: name.clone(), value: KnobValue::Number(value) })
         };
         self.midi.knobs.iter().filter_map(request).collect()
     }
 
-    fn press(&self, key: MidiKey) -> Vec<Request> {
+    fn press(&self, key: MidiKey) -> Vec<RunCommand> {
         let cues = self.midi.cues.iter().filter(|(of, _)| *of == key);
-        let cues = cues.map(|(_, name)| Request::Live(LiveCommand::Cue { name: name.clone() }));
+        let cues = cues.map(|(_, name)| RunCommand::Cue { name: name.clone() });
         let orders = self.midi.orders.iter().filter(|(of, _)| *of == key).map(|(_, order)| match order {
-            MidiOrder::Go => Request::Live(LiveCommand::Go),
-            MidiOrder::Back => Request::Live(LiveCommand::Back),
-            MidiOrder::Pause => Request::Session(Command::Pause),
-            MidiOrder::Resume => Request::Session(Command::Resume),
-            MidiOrder::Stop => Request::Session(Command::Stop),
+            MidiOrder::Go => RunCommand::Go,
+            MidiOrder::Back => RunCommand::Back,
+            MidiOrder::Pause => RunCommand::Pause,
+            MidiOrder::Resume => RunCommand::Resume,
+            MidiOrder::Stop => RunCommand::Stop,
         });
         cues.chain(orders).collect()
     }
@@ -118,6 +117,7 @@ impl Interpreter {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::live::{LiveSetpoints, NamedFiles};
     use proptest::prelude::*;
 
     const TABLE: &str = r#"
@@ -143,7 +143,7 @@ set = { "wheel.frequency" = "0.5 Hz" }
     }
 
     fn heard(messages: &[&[u8]]) -> Vec<String> {
-        let opened = crate::live::Desk::of(&text(), "m.toml", "".into(), None, Some(Default::default()));
+        let opened = LiveSetpoints::of(&text(), "m.toml", None, NamedFiles::none());
         let (desk, contents) = opened.map_err(|error| error.plain()).unwrap();
         let mut interpreter = Interpreter::new(contents.live.midi.unwrap());
         let requests = messages.iter().flat_map(|bytes| interpreter.hear(bytes, Duration::ZERO, &desk.knobs()));
@@ -187,11 +187,11 @@ set = { "wheel.frequency" = "0.5 Hz" }
 
     #[test]
     fn the_clock_sets_the_tempo() {
-        let opened = crate::live::Desk::of(&text(), "m.toml", "".into(), None, Some(Default::default()));
+        let opened = LiveSetpoints::of(&text(), "m.toml", None, NamedFiles::none());
         let midi = opened.map_err(|error| error.plain()).unwrap().1.live.midi.unwrap();
         let mut interpreter = Interpreter::new(midi);
         let ticks = (0..200_u32).flat_map(|n| interpreter.hear(&[0xf8], Duration::from_micros(41_667) * n, &[]));
-        assert_eq!(ticks.collect::<Vec<_>>(), [Request::Session(Command::Tempo { rate: 0.5 })]);
+        assert_eq!(ticks.collect::<Vec<_>>(), [RunCommand::Tempo { rate: 0.5 }]);
     }
 
     proptest! {
@@ -200,7 +200,7 @@ set = { "wheel.frequency" = "0.5 Hz" }
         fn any_bytes_are_safe(messages in prop::collection::vec(prop::collection::vec(any::<u8>(), 0..5), 0..50)) {
             let messages: Vec<&[u8]> = messages.iter().map(Vec::as_slice).collect();
             for request in heard(&messages) {
-                if let Ok(Request::Live(LiveCommand::Set { knob, value: KnobValue::Number(value) })) = serde_json::from_str(&request) {
+                if let Ok(RunCommand::Set { knob, value: KnobValue::Number(value) }) = serde_json::from_str(&request) {
                     let range = if knob == "speed" { 0.5..=2.5 } else { 0.0..=163.83 };
                     prop_assert!(range.contains(&value), "{} {}", knob, value);
                 }

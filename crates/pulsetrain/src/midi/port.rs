@@ -6,7 +6,8 @@ use midir::{Ignore, MidiInput, MidiInputConnection};
 use pulsetrain_motion::file::Midi;
 
 use super::{Interpreter, MidiError, port_named};
-use crate::control_socket::{ClientKind, Hub};
+use crate::control_socket::Hub;
+use crate::live::ClientKind;
 
 /// What this program is called among the system's MIDI clients.
 const NAME: &str = "pulsetrain";

@@ -5,19 +5,18 @@
 
 use std::time::Duration;
 
-use pulsetrain_session::control::Command;
 use rosc::{OscMessage, OscType};
 
 use super::OscInfo;
-use crate::live::{KnobInfo, KnobValue, LiveCommand, Request};
+use crate::live::{KnobInfo, KnobValue, RunCommand};
 
 /// What a message asks for.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Asked {
+pub(super) enum OscCommand {
     /// Nothing: a button was released, or it is an answer.
     Nothing,
     /// Something of the motion.
-    Request(Request),
+    Run(RunCommand),
     /// To go on by so many steps.
     Move(f64),
     /// The positions of motors, in a message each.
@@ -62,7 +61,7 @@ const MOST_REPEATED: usize = 60;
 const SPEED: &str = "speed";
 
 /// What `message` asks for.
-pub(super) fn read(message: &OscMessage, info: &OscInfo) -> Result<Asked, Misunderstood> {
+pub(super) fn read(message: &OscMessage, info: &OscInfo) -> Result<OscCommand, Misunderstood> {
     let message = Message { address: &message.addr, arguments: &message.args, info };
     if message.address.contains(['*', '?', '[', ']', '{', '}']) {
         return Err(message.wrong("patterns are not understood: send a message for each motor or knob"));
@@ -70,7 +69,7 @@ pub(super) fn read(message: &OscMessage, info: &OscInfo) -> Result<Asked, Misund
     let names: Vec<&str> = message.address.split('/').skip(1).collect();
     match names.as_slice() {
         // Answers of another server: two that answered each other's would never end.
-        ["error", ..] | ["destIp" | "position" | "positionList" | "busy"] => Ok(Asked::Nothing),
+        ["error", ..] | ["destIp" | "position" | "positionList" | "busy"] => Ok(OscCommand::Nothing),
         ["pulsetrain", names @ ..] if !names.is_empty() => match message.command(names)? {
             Some(asked) => Ok(asked),
             None => message.parameter(names),
@@ -129,38 +128,39 @@ impl Message<'_> {
     }
 
     /// The commands of Pulsetrain.
-    fn command(&self, names: &[&str]) -> Result<Option<Asked>, Misunderstood> {
-        let pressed =
-            |request: Request| Ok(Some(if self.is_pressed()? { Asked::Request(request) } else { Asked::Nothing }));
+    fn command(&self, names: &[&str]) -> Result<Option<OscCommand>, Misunderstood> {
+        let pressed = |request: RunCommand| {
+            Ok(Some(if self.is_pressed()? { OscCommand::Run(request) } else { OscCommand::Nothing }))
+        };
         match *names {
-            ["pause"] => pressed(Request::Session(Command::Pause)),
-            ["resume"] => pressed(Request::Session(Command::Resume)),
-            ["stop"] => Ok(Some(self.stop(Command::Stop))),
-            ["stop_now"] => Ok(Some(self.stop(Command::StopNow))),
-            ["go"] => pressed(Request::Live(LiveCommand::Go)),
-            ["back"] => pressed(Request::Live(LiveCommand::Back)),
+            ["pause"] => pressed(RunCommand::Pause),
+            ["resume"] => pressed(RunCommand::Resume),
+            ["stop"] => Ok(Some(self.stop(RunCommand::Stop))),
+            ["stop_now"] => Ok(Some(self.stop(RunCommand::StopNow))),
+            ["go"] => pressed(RunCommand::Go),
+            ["back"] => pressed(RunCommand::Back),
             ["tempo"] => {
                 let rate = self.only_number("the tempo: 1 is that of the file")?;
-                Ok(Some(Asked::Request(Request::Session(Command::Tempo { rate }))))
+                Ok(Some(OscCommand::Run(RunCommand::Tempo { rate })))
             }
             // Phones send numbers alone: there the name is in the address.
-            ["cue", name] => pressed(Request::Live(LiveCommand::Cue { name: name.to_owned() })),
+            ["cue", name] => pressed(RunCommand::Cue { name: name.to_owned() }),
             ["cue"] => {
                 let name = self.text_or_number("the cue's name")?;
-                Ok(Some(Asked::Request(Request::Live(LiveCommand::Cue { name }))))
+                Ok(Some(OscCommand::Run(RunCommand::Cue { name })))
             }
             ["goto"] => {
                 let position = self.text_or_number("a position such as \"90 deg\", or 0, where the motion begins")?;
-                Ok(Some(Asked::Request(Request::Live(LiveCommand::Goto { position }))))
+                Ok(Some(OscCommand::Run(RunCommand::Goto { position })))
             }
-            ["begin"] => pressed(Request::Live(LiveCommand::Begin)),
+            ["begin"] => pressed(RunCommand::Begin),
             ["here"] => self.here().map(Some),
             _ => Ok(None),
         }
     }
 
     /// Where motors stand: a position of all of them, or a motor's name or number and its position.
-    fn here(&self) -> Result<Asked, Misunderstood> {
+    fn here(&self) -> Result<OscCommand, Misunderstood> {
         let (motor, position) = match self.arguments {
             [OscType::String(motor), position] => (Some(self.bounded(motor)?), position),
             [_, position] => match self.motors()?.as_slice() {
@@ -177,11 +177,11 @@ impl Message<'_> {
             OscType::String(text) => self.bounded(text)?,
             number => self.number(number, "a position")?.to_string(),
         };
-        Ok(Asked::Request(Request::Live(LiveCommand::Here { motor, position })))
+        Ok(OscCommand::Run(RunCommand::Here { motor, position }))
     }
 
     /// A knob or a parameter, below `/pulsetrain`.
-    fn parameter(&self, names: &[&str]) -> Result<Asked, Misunderstood> {
+    fn parameter(&self, names: &[&str]) -> Result<OscCommand, Misunderstood> {
         match names {
             ["knob", name] => self.knob(name),
             [name] => self.knob(name),
@@ -198,12 +198,12 @@ impl Message<'_> {
         }
     }
 
-    fn knob(&self, name: &str) -> Result<Asked, Misunderstood> {
+    fn knob(&self, name: &str) -> Result<OscCommand, Misunderstood> {
         let knob = self.info.knobs.iter().find(|knob| knob.name == name || osc_name(&knob.name) == name);
         self.set(knob.ok_or_else(|| self.unknown())?.name.clone())
     }
 
-    fn set(&self, knob: String) -> Result<Asked, Misunderstood> {
+    fn set(&self, knob: String) -> Result<OscCommand, Misunderstood> {
         let value = match self.arguments {
             [OscType::String(text)] => KnobValue::Text(self.bounded(text)?),
             [number, OscType::String(unit)] => {
@@ -212,44 +212,44 @@ impl Message<'_> {
             [number] => KnobValue::Number(self.number(number, "a value")?),
             _ => return Err(self.wrong("it needs one value: a number, or text with a unit such as \"0.9 Hz\"")),
         };
-        Ok(Asked::Request(Request::Live(LiveCommand::Set { knob, value })))
+        Ok(OscCommand::Run(RunCommand::Set { knob, value }))
     }
 
     /// The commands of a STEP400 that can be done here.
-    fn step400(&self, names: &[&str]) -> Result<Option<Asked>, Misunderstood> {
+    fn step400(&self, names: &[&str]) -> Result<Option<OscCommand>, Misunderstood> {
         let [name] = *names else { return Ok(None) };
         let count = self.info.motors.len();
         let asked = match name {
-            "getPosition" => Asked::Positions(self.motors()?),
-            "getPositionList" => Asked::PositionList,
-            "getBusy" => Asked::Busy(self.motors()?),
-            "enableBusyReport" => Asked::ReportBusy(self.motors()?, self.second("1 or 0")? >= 1.0),
+            "getPosition" => OscCommand::Positions(self.motors()?),
+            "getPositionList" => OscCommand::PositionList,
+            "getBusy" => OscCommand::Busy(self.motors()?),
+            "enableBusyReport" => OscCommand::ReportBusy(self.motors()?, self.second("1 or 0")? >= 1.0),
             "setPositionReportInterval" => {
-                Asked::ReportPositions(self.motors()?, interval(self.second("an interval, ms")?))
+                OscCommand::ReportPositions(self.motors()?, interval(self.second("an interval, ms")?))
             }
             "setPositionListReportInterval" => {
-                Asked::ReportPositionList(interval(self.only_number("an interval, ms")?))
+                OscCommand::ReportPositionList(interval(self.only_number("an interval, ms")?))
             }
-            "reportError" => Asked::ReportErrors(self.is_pressed()?),
+            "reportError" => OscCommand::ReportErrors(self.is_pressed()?),
             "setDestIp" => match self.arguments {
                 [port] => match self.number(port, "a port")? {
-                    port if (1.0..=65_535.0).contains(&port) => Asked::Listen(Some(port as u16)),
+                    port if (1.0..=65_535.0).contains(&port) => OscCommand::Listen(Some(port as u16)),
                     port => return Err(self.wrong(&format!("{port} is no port: it must be 1 to 65535"))),
                 },
-                _ => Asked::Listen(None),
+                _ => OscCommand::Listen(None),
             },
             // A stop is never refused: one that is meant for a motor alone stops the others too, if it cannot be stopped alone.
-            "hardStop" => Asked::Request(Request::Session(Command::StopNow)),
-            "softStop" => Asked::Request(match self.motors().ok().and_then(|motors| self.alone(&motors)) {
+            "hardStop" => OscCommand::Run(RunCommand::StopNow),
+            "softStop" => OscCommand::Run(match self.motors().ok().and_then(|motors| self.alone(&motors)) {
                 Some(knob) => speed(knob, 0.0),
-                None => Request::Session(Command::Pause),
+                None => RunCommand::Pause,
             }),
             "run" => {
                 let motors = self.motors()?;
                 let steps_per_s = self.second("a speed, steps/s")?;
                 let knob = motors.iter().map(|motor| self.speed_knob(*motor)).collect::<Option<Vec<_>>>();
                 match (knob.as_deref(), motors.as_slice()) {
-                    (Some([knob]), _) => Asked::Request(speed(knob.name.clone(), steps_per_s)),
+                    (Some([knob]), _) => OscCommand::Run(speed(knob.name.clone(), steps_per_s)),
                     (_, [motor]) => {
                         let (name, number) = (&self.info.motors[*motor].name, self.first_number());
                         let why = format!(
@@ -272,9 +272,9 @@ impl Message<'_> {
                     return Err(Misunderstood { why, motor: self.first_number() });
                 }
                 if name == "move" {
-                    Asked::Move(steps)
+                    OscCommand::Move(steps)
                 } else {
-                    Asked::Request(Request::Live(LiveCommand::Goto { position: format!("{steps} steps") }))
+                    OscCommand::Run(RunCommand::Goto { position: format!("{steps} steps") })
                 }
             }
             _ => return Ok(None),
@@ -342,8 +342,8 @@ impl Message<'_> {
     }
 
     /// A stop is never refused, whatever comes with it. Only a button that is released does not stop.
-    fn stop(&self, command: Command) -> Asked {
-        if self.is_pressed().unwrap_or(true) { Asked::Request(Request::Session(command)) } else { Asked::Nothing }
+    fn stop(&self, command: RunCommand) -> OscCommand {
+        if self.is_pressed().unwrap_or(true) { OscCommand::Run(command) } else { OscCommand::Nothing }
     }
 
     /// A command acts without a value, and with one that is not 0: buttons send 1 when they are pressed, and 0 when they are released.
@@ -377,8 +377,8 @@ impl Message<'_> {
     }
 }
 
-fn speed(knob: String, steps_per_s: f64) -> Request {
-    Request::Live(LiveCommand::Set { knob, value: KnobValue::Text(format!("{steps_per_s} steps/s")) })
+fn speed(knob: String, steps_per_s: f64) -> RunCommand {
+    RunCommand::Set { knob, value: KnobValue::Text(format!("{steps_per_s} steps/s")) }
 }
 
 /// An interval in ms; `None` for 0. Positions come with each status of the motion: a shorter interval gives no more.

@@ -5,7 +5,7 @@ use std::net::SocketAddr;
 use std::time::Instant;
 
 use super::Group;
-use crate::live::Request;
+use crate::live::RunCommand;
 
 /// The most groups that wait.
 pub const MOST_PLANNED: usize = 1024;
@@ -13,11 +13,11 @@ pub const MOST_PLANNED: usize = 1024;
 /// Groups of requests in order of their time; those of the same time in the order in which they came.
 ///
 /// ```
-/// use pulsetrain::live::{LiveCommand, Request};
+/// use pulsetrain::live::RunCommand;
 /// use pulsetrain::osc::{Agenda, Group};
 /// use std::time::{Duration, Instant};
 /// let begin = Instant::now();
-/// let group = |ms| Group { requests: vec![Request::Live(LiveCommand::Go)], due: begin + Duration::from_millis(ms), sender: None };
+/// let group = |ms| Group { requests: vec![RunCommand::Go], due: begin + Duration::from_millis(ms), sender: None };
 /// let mut agenda = Agenda::default();
 /// agenda.push(group(20)).unwrap();
 /// agenda.push(group(10)).unwrap();
@@ -28,7 +28,7 @@ pub const MOST_PLANNED: usize = 1024;
 /// ```
 #[derive(Debug, Default)]
 pub struct Agenda {
-    groups: BTreeMap<(Instant, u64), (Vec<Request>, Option<SocketAddr>)>,
+    groups: BTreeMap<(Instant, u64), (Vec<RunCommand>, Option<SocketAddr>)>,
     pushed: u64,
 }
 
@@ -68,14 +68,14 @@ impl Agenda {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::LiveCommand;
+    use crate::live::RunCommand;
     use std::time::Duration;
 
     #[test]
     fn equal_times_keep_their_order_and_a_full_agenda_gives_the_group_back() {
         let begin = Instant::now();
         let group = |name: usize| Group {
-            requests: vec![Request::Live(LiveCommand::Cue { name: name.to_string() })],
+            requests: vec![RunCommand::Cue { name: name.to_string() }],
             due: begin,
             sender: None,
         };

@@ -6,11 +6,11 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use pulsetrain_session::control::{Ended, Event};
+use pulsetrain_session::control::Ended;
 
 use super::{Agenda, Group, Now, OscError, OscInfo, OscServer, OscSettings, listen};
-use crate::control_socket::{ClientKind, Ending, Hub, HubLines, HubSender, RunEnded, RunInfo, RunLine};
-use crate::live::{Happened, Request};
+use crate::control_socket::{Hub, HubLines, HubSender};
+use crate::live::{Batch, ClientKind, Ending, RunEnded, RunEvent, RunInfo, RunLine};
 
 /// Groups that may wait for the motion.
 const MOST_WAITING: usize = 64;
@@ -50,10 +50,9 @@ pub fn serve_osc_on(hub: &Hub, socket: UdpSocket, reply_port: Option<u16>) -> Re
 fn answer(lines: &HubLines, server: Arc<OscServer>, passing: JoinHandle<()>) {
     while let Some(line) = lines.next_line() {
         match serde_json::from_str(&line) {
-            Ok(RunLine::Event(event)) => server.tell(&Happened::Session(event)),
-            Ok(RunLine::Live(event)) => server.tell(&Happened::Live(event)),
+            Ok(RunLine::Event(event)) => server.tell(&event),
             Ok(RunLine::Info(info)) => server.set_info(info_of(&info)),
-            Ok(RunLine::Ended(ended)) => server.tell(&Happened::Session(last_event(ended))),
+            Ok(RunLine::Ended(ended)) => server.tell(&last_event(ended)),
             Ok(RunLine::Control { .. } | RunLine::Error { .. }) | Err(_) => {}
         }
     }
@@ -63,12 +62,12 @@ fn answer(lines: &HubLines, server: Arc<OscServer>, passing: JoinHandle<()>) {
 }
 
 /// The event that the run's last line stands for.
-fn last_event(RunEnded { ended, why, .. }: RunEnded) -> Event {
-    let of = |stopped: bool| Event::Ended(Ended { counted: Vec::new(), stopped, uncertain: None });
+fn last_event(RunEnded { ended, why, .. }: RunEnded) -> RunEvent {
+    let of = |stopped: bool| RunEvent::Ended(Ended { counted: Vec::new(), stopped, uncertain: None });
     match ended {
         Ending::Stopped => of(true),
         Ending::Finished => of(false),
-        Ending::Failed => Event::Failed { why: why.unwrap_or_default(), at_s: None, positions: None, advice: None },
+        Ending::Failed => RunEvent::Failed { why: why.unwrap_or_default(), at_s: None, positions: None, advice: None },
     }
 }
 
@@ -97,7 +96,7 @@ fn pass_on(hub: &Hub, requests: &HubSender, groups: &Receiver<Group>, server: &O
                 server.expect(at_s, sender);
                 Some(at_s)
             });
-            requests.send(Request::together(group, at_s));
+            requests.send(Batch { commands: group, at_s });
         }
     }
 }
@@ -105,8 +104,7 @@ fn pass_on(hub: &Hub, requests: &HubSender, groups: &Receiver<Group>, server: &O
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control_socket::{LiveEvent, Together};
-    use pulsetrain_session::control::Command;
+    use crate::live::RunCommand;
     use rosc::{OscPacket, OscType};
     use std::sync::mpsc::channel;
 
@@ -134,8 +132,8 @@ mod tests {
             client.send_to(b"/setDestIp\0\0,\0\0\0", address).unwrap();
             assert_eq!(hears().addr, "/destIp");
             client.send_to(b"/stop\0\0\0,\0\0\0", address).unwrap();
-            assert_eq!(requests.recv().unwrap(), Request::Session(Command::Stop));
-            hub.tell(&Event::Stopping { at_s: 1.0 });
+            assert_eq!(requests.recv().unwrap(), RunCommand::Stop.into());
+            hub.publish(&RunEvent::Stopping { at_s: 1.0 });
             hub.end(&ended);
             for state in ["stopping", state] {
                 let heard = hears();
@@ -161,14 +159,14 @@ mod tests {
         let now = Now::read().instant;
         hub.set_clock(now + Duration::from_millis(250), 5.0);
         let (group, groups) = sync_channel(1);
-        let pause = Request::Session(Command::Pause);
+        let pause = RunCommand::Pause;
         let sender = Some(client.local_addr().unwrap());
         group.send(Group { requests: vec![pause.clone()], due: now, sender }).unwrap();
         drop(group);
         let (motion, _lines) = hub.join(ClientKind::Osc).unwrap().split();
         pass_on(&hub, &motion, &groups, &server);
-        assert_eq!(requests.try_recv(), Ok(Request::Together(Together { together: vec![pause], at_s: Some(4.75) })));
-        server.tell(&Happened::Live(LiveEvent::Late { wanted_s: 4.75, by_s: 0.5 }));
+        assert_eq!(requests.try_recv(), Ok(Batch { commands: vec![pause], at_s: Some(4.75) }));
+        server.tell(&RunEvent::Late { wanted_s: 4.75, by_s: 0.5 });
         let mut heard = [0; 64];
         let length = client.recv(&mut heard).unwrap();
         assert!(heard[..length].starts_with(b"/pulsetrain/late\0\0\0\0,f\0\0"), "{heard:?}");

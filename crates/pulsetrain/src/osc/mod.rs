@@ -1,4 +1,4 @@
-//! Open Sound Control (OSC 1.0) over UDP: what TouchDesigner, Max, QLab and phones send becomes [`Request`]s of a live motion.
+//! Open Sound Control (OSC 1.0) over UDP: what TouchDesigner, Max, QLab and phones send becomes [`RunCommand`]s of a live motion.
 //!
 //! # What is here, top down
 //! - [`serve_osc`]: all of it, as a client of a motion's hub
@@ -23,8 +23,8 @@ use std::time::{Instant, SystemTime};
 
 use miette::Diagnostic;
 
-use crate::control_socket::MotorInfo;
-use crate::live::{KnobInfo, Request};
+use crate::live::MotorInfo;
+use crate::live::{KnobInfo, RunCommand};
 
 pub use agenda::{Agenda, MOST_PLANNED};
 pub use client::{serve_osc, serve_osc_on};
@@ -56,7 +56,7 @@ pub struct OscSettings {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Group {
     /// In the order in which they were sent; at least one.
-    pub requests: Vec<Request>,
+    pub requests: Vec<RunCommand>,
     /// When they are to act.
     pub due: Instant,
     /// Who sent them for that time, and hears if they act later; `None` if they are to act at once.

@@ -8,10 +8,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use pulsetrain_session::control::Event;
-
 use super::{Group, LONGEST_PACKET, Now, OscError, OscInfo, OscReply, OscSettings, OwnAddress, Translator};
-use crate::live::Happened;
+use crate::live::RunEvent;
 
 /// How long the receiving thread waits for a packet before it looks whether it is to end.
 const WAIT: Duration = Duration::from_millis(200);
@@ -51,7 +49,7 @@ pub struct OscCounts {
 pub struct OscServer {
     address: SocketAddr,
     shared: Arc<OscShared>,
-    happened: Option<SyncSender<Happened>>,
+    happened: Option<SyncSender<RunEvent>>,
     threads: Vec<JoinHandle<()>>,
 }
 
@@ -129,8 +127,8 @@ impl OscServer {
     }
 
     /// Tells the clients of what happened. It never waits.
-    pub fn tell(&self, happened: &Happened) {
-        if matches!(happened, Happened::Session(Event::Progress { .. })) {
+    pub fn tell(&self, happened: &RunEvent) {
+        if matches!(happened, RunEvent::Progress { .. }) {
             return;
         }
         if let Some(events) = &self.happened
@@ -231,7 +229,7 @@ impl OscShared {
     }
 
     /// Sends what happens to the clients until the server is dropped.
-    fn tell(&self, events: &Receiver<Happened>) {
+    fn tell(&self, events: &Receiver<RunEvent>) {
         for event in events {
             let replies = self.translator().happened(&event, Instant::now());
             self.send(&replies);
@@ -269,8 +267,8 @@ impl Budget {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::Request;
-    use pulsetrain_session::control::{Command, MotorStatus, Status};
+    use crate::live::RunCommand;
+    use pulsetrain_session::control::{MotorStatus, Status};
 
     /// A client that waits for its answers; only a broken server makes it wait to the end.
     struct Client(UdpSocket);
@@ -301,7 +299,7 @@ mod tests {
 
     fn open(groups: SyncSender<Group>) -> OscServer {
         let settings = OscSettings { address: SocketAddr::from(([127, 0, 0, 1], 0)), reply_port: None };
-        let motor = |name: &str| crate::control_socket::MotorInfo {
+        let motor = |name: &str| crate::live::MotorInfo {
             name: name.to_owned(),
             unit: "deg".to_owned(),
             steps_per_unit: 1.0,
@@ -319,7 +317,7 @@ mod tests {
         let client = Client::of(&server);
         client.send("/pause", b",\0\0\0");
         let group = groups.recv().unwrap();
-        assert_eq!(group.requests, [Request::Session(Command::Pause)]);
+        assert_eq!(group.requests, [RunCommand::Pause]);
         client.send("rubbish", b"");
         client.hears("/error/command\0\0,si\0the packet is no OSC");
         client.send("/setDestIp", b",\0\0\0");
@@ -330,14 +328,14 @@ mod tests {
         client.hears("/busy\0\0\0,ii\0\0\0\0\x01\0\0\0\0");
         let motors = vec![MotorStatus { position: 77, target: None, speed: None, queue: (0, 0) }];
         let status = Status { at_s: 1.0, lease_s: None, motors, lateness: None };
-        server.tell(&Happened::Session(Event::Status(status)));
+        server.tell(&RunEvent::Status(status));
         client.hears("/positionList\0\0\0,i\0\0\0\0\0M");
 
         // The motion takes nothing: the first command waits in the channel, the second is refused.
         client.send("/resume", b",\0\0\0");
         client.send("/pause", b",\0\0\0");
         client.hears("/error/command\0\0,si\0too many commands at a time");
-        assert_eq!(groups.recv().unwrap().requests, [Request::Session(Command::Resume)]);
+        assert_eq!(groups.recv().unwrap().requests, [RunCommand::Resume]);
         let counts = OscCounts { packets: 7, malformed: 1, refused: 2, overrun: 1, ..OscCounts::default() };
         assert_eq!(server.counts(), counts);
         // Its threads end with it.

@@ -4,13 +4,13 @@ use std::collections::{BTreeMap, VecDeque};
 use std::net::{IpAddr, SocketAddr};
 use std::time::{Duration, Instant};
 
-use pulsetrain_session::control::{Event, Status};
+use pulsetrain_session::control::Status;
 use rosc::{OscBundle, OscMessage, OscPacket, OscType};
 
-use super::address::{self, Asked, Misunderstood};
+use super::address::{self, Misunderstood, OscCommand};
 use super::time_tag::{self, Due, FARTHEST_AHEAD};
 use super::{Group, LONGEST_PACKET, Now, OscInfo, OwnAddress};
-use crate::live::{Happened, KnobInfo, LiveCommand, LiveEvent, Request};
+use crate::live::{KnobInfo, RunCommand, RunEvent};
 
 /// A packet to send.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -108,13 +108,13 @@ const BUNDLE: &[u8] = b"#bundle\0";
 /// It has no socket and no clock: packets come with their sender and the time. It never panics, whatever a packet has in it.
 ///
 /// ```
-/// use pulsetrain::live::Request;
+/// use pulsetrain::live::RunCommand;
 /// use pulsetrain::osc::{Now, OscInfo, Translator};
 /// use pulsetrain::session::control::Command;
 /// let mut translator = Translator::new(OscInfo::default(), None);
 /// let now = Now::read();
 /// let translation = translator.packet(b"/pause\0\0,\0\0\0", "127.0.0.1:5000".parse().unwrap(), now);
-/// assert_eq!(translation.groups[0].requests, [Request::Session(Command::Pause)]);
+/// assert_eq!(translation.groups[0].requests, [RunCommand::Pause]);
 /// assert_eq!(translation.groups[0].due, now.instant);
 /// ```
 #[derive(Debug)]
@@ -131,7 +131,7 @@ pub struct Translator {
     status: Option<Status>,
     /// Until when of the motion the motors are busy, s.
     busy_until_s: Option<f64>,
-    asked: VecDeque<(Request, SocketAddr)>,
+    asked: VecDeque<(RunCommand, SocketAddr)>,
     /// Who sent groups for a time of the motion, s.
     expected: VecDeque<(f64, SocketAddr)>,
     /// When the present second of replies about errors began, and how many it had.
@@ -277,7 +277,7 @@ impl Translator {
         from: SocketAddr,
         now: Now,
         translation: &mut Translation,
-    ) -> Option<Request> {
+    ) -> Option<RunCommand> {
         if self.is_echo(message, from, now.instant) {
             return None;
         }
@@ -300,23 +300,23 @@ impl Translator {
 
     fn obey(
         &mut self,
-        asked: Asked,
+        asked: OscCommand,
         from: SocketAddr,
         replies: &mut Vec<OscReply>,
-    ) -> Result<Option<Request>, Misunderstood> {
+    ) -> Result<Option<RunCommand>, Misunderstood> {
         match asked {
-            Asked::Nothing => {}
-            Asked::Request(request) => return Ok(Some(request)),
-            Asked::Move(steps) => {
+            OscCommand::Nothing => {}
+            OscCommand::Run(request) => return Ok(Some(request)),
+            OscCommand::Move(steps) => {
                 let status = self.known_status()?;
                 if status.motors.iter().any(|motor| motor.speed != Some(0.0)) {
                     let why = "CommandIgnored: /move needs a motor at rest".to_owned();
                     return Err(Misunderstood { why, motor: 1 });
                 }
                 let position = self.positions(status).next().unwrap_or(0) as f64 + steps;
-                return Ok(Some(Request::Live(LiveCommand::Goto { position: format!("{position} steps") })));
+                return Ok(Some(RunCommand::Goto { position: format!("{position} steps") }));
             }
-            Asked::Positions(motors) => {
+            OscCommand::Positions(motors) => {
                 let positions: Vec<i64> = self.positions(self.known_status()?).collect();
                 for motor in motors {
                     if let Some(position) = positions.get(motor) {
@@ -324,16 +324,16 @@ impl Translator {
                     }
                 }
             }
-            Asked::PositionList => {
+            OscCommand::PositionList => {
                 let positions = self.positions(self.known_status()?).map(steps).collect();
                 self.reply(from, "/positionList", positions, replies);
             }
-            Asked::Busy(motors) => {
+            OscCommand::Busy(motors) => {
                 for motor in motors {
                     self.reply(from, "/busy", self.busy(motor), replies);
                 }
             }
-            Asked::Listen(port) => {
+            OscCommand::Listen(port) => {
                 let port = port.or(self.reply_port).unwrap_or(from.port());
                 let to = SocketAddr::new(from.ip(), port);
                 if self.is_own(to) {
@@ -350,19 +350,19 @@ impl Translator {
                 arguments.push(OscType::Int(is_new.into()));
                 self.reply(from, "/destIp", arguments, replies);
             }
-            Asked::ReportBusy(motors, is_on) => {
+            OscCommand::ReportBusy(motors, is_on) => {
                 let busy = &mut self.client(from).busy;
                 motors.iter().for_each(|motor| busy[*motor] = is_on);
             }
-            Asked::ReportPositions(motors, every) => {
+            OscCommand::ReportPositions(motors, every) => {
                 let report = every.map(|every| Report { every, last: None });
                 let reports = &mut self.client(from).positions;
                 motors.iter().for_each(|motor| reports[*motor] = report);
             }
-            Asked::ReportPositionList(every) => {
+            OscCommand::ReportPositionList(every) => {
                 self.client(from).position_list = every.map(|every| Report { every, last: None });
             }
-            Asked::ReportErrors(is_on) => self.client(from).errors = is_on,
+            OscCommand::ReportErrors(is_on) => self.client(from).errors = is_on,
         }
         Ok(None)
     }
@@ -377,86 +377,83 @@ impl Translator {
             })
     }
 
-    /// What the clients are to hear of what happened.
-    pub fn happened(&mut self, happened: &Happened, now: Instant) -> Vec<OscReply> {
-        let replies = self.replies_to(happened, now);
-        match happened {
-            Happened::Session(Event::Tempo { rate, .. }) => {
-                self.note(TEMPO.to_owned(), OscType::Float(*rate as f32), now);
-            }
-            Happened::Live(LiveEvent::Set { knob, value, .. }) => {
-                self.note(address::knob_address(knob, &self.info), OscType::Float(*value as f32), now);
-            }
-            Happened::Live(LiveEvent::Refused { .. } | LiveEvent::Late { .. }) | Happened::Session(_) => {}
-            // Knobs may have other values now.
-            Happened::Live(LiveEvent::Cue { name, .. }) => {
-                self.told.clear();
-                self.note(CUE.to_owned(), OscType::String(name.clone()), now);
-            }
-            Happened::Live(_) => self.told.clear(),
-        }
-        replies
-    }
-
     fn note(&mut self, address: String, argument: OscType, now: Instant) {
         self.told.insert(address, (vec![argument], now));
     }
 
-    fn replies_to(&mut self, happened: &Happened, now: Instant) -> Vec<OscReply> {
+    /// What the clients are to hear of an event.
+    pub fn happened(&mut self, event: &RunEvent, now: Instant) -> Vec<OscReply> {
         let mut replies = Vec::new();
-        match happened {
-            Happened::Session(Event::Status(status)) => self.status(status, now, &mut replies),
-            Happened::Session(Event::Progress { .. }) => {}
-            Happened::Session(Event::Pausing { rests_s }) => {
-                self.state("pausing", &mut replies);
-                self.busy_until(*rests_s, &mut replies);
+        self.answer(event, now, &mut replies);
+        match event {
+            RunEvent::Tempo { rate, .. } => self.note(TEMPO.to_owned(), OscType::Float(*rate as f32), now),
+            RunEvent::Set { knob, value, .. } => {
+                self.note(address::knob_address(knob, &self.info), OscType::Float(*value as f32), now);
             }
-            Happened::Session(Event::Resuming { full_speed_s }) => {
-                self.state("running", &mut replies);
-                self.busy_until(*full_speed_s, &mut replies);
+            // Knobs may have other values now.
+            RunEvent::Cue { name, .. } => {
+                self.told.clear();
+                self.note(CUE.to_owned(), OscType::String(name.clone()), now);
             }
-            Happened::Session(Event::Tempo { rate, from_s, ceiling }) => {
-                self.all(TEMPO, &[OscType::Float(*rate as f32)], &mut replies);
-                self.ceiling("tempo", ceiling.as_deref(), &mut replies);
-                self.busy_until(*from_s, &mut replies);
+            RunEvent::Refused { .. }
+            | RunEvent::Late { .. }
+            | RunEvent::Progress { .. }
+            | RunEvent::Status(_)
+            | RunEvent::Pausing { .. }
+            | RunEvent::Resuming { .. }
+            | RunEvent::Stopping { .. }
+            | RunEvent::StoppedAtOnce { .. }
+            | RunEvent::Ended(_)
+            | RunEvent::Failed { .. } => {}
+            _ => self.told.clear(),
+        }
+        replies
+    }
+
+    fn answer(&mut self, event: &RunEvent, now: Instant, replies: &mut Vec<OscReply>) {
+        match event {
+            RunEvent::Status(status) => self.status(status, now, replies),
+            RunEvent::Progress { .. } => {}
+            RunEvent::Pausing { rests_s } => {
+                self.state("pausing", replies);
+                self.busy_until(*rests_s, replies);
             }
-            Happened::Session(Event::Stopping { .. }) => {
-                self.state("stopping", &mut replies);
-                self.busy_until(f64::INFINITY, &mut replies);
+            RunEvent::Resuming { full_speed_s } => {
+                self.state("running", replies);
+                self.busy_until(*full_speed_s, replies);
             }
-            Happened::Session(Event::StoppedAtOnce { .. }) => {
-                self.state("stopped", &mut replies);
-                self.rests(&mut replies);
+            RunEvent::Tempo { rate, from_s, ceiling } => {
+                self.all(TEMPO, &[OscType::Float(*rate as f32)], replies);
+                self.ceiling("tempo", ceiling.as_deref(), replies);
+                self.busy_until(*from_s, replies);
             }
-            Happened::Session(Event::Ended(ended)) => {
-                self.state(if ended.stopped { "stopped" } else { "finished" }, &mut replies);
-                self.rests(&mut replies);
+            RunEvent::Stopping { .. } => {
+                self.state("stopping", replies);
+                self.busy_until(f64::INFINITY, replies);
             }
-            Happened::Session(Event::Failed { why, .. }) => {
-                self.state("failed", &mut replies);
-                self.rests(&mut replies);
-                self.tell_error(why, None, &mut replies);
+            RunEvent::StoppedAtOnce { .. } => {
+                self.state("stopped", replies);
+                self.rests(replies);
             }
-            Happened::Session(Event::Refused { command, why }) => {
-                self.tell_refusal(&Request::Session(*command), why, &mut replies);
+            RunEvent::Ended(ended) => {
+                self.state(if ended.stopped { "stopped" } else { "finished" }, replies);
+                self.rests(replies);
             }
-            Happened::Live(LiveEvent::Late { wanted_s, by_s }) => {
+            RunEvent::Failed { why, .. } => {
+                self.state("failed", replies);
+                self.rests(replies);
+                self.tell_error(why, None, replies);
+            }
+            RunEvent::Late { wanted_s, by_s } => {
                 let is_it = |(at_s, _): &(f64, SocketAddr)| (at_s - wanted_s).abs() < SAME_TIME_S;
                 while let Some(place) = self.expected.iter().position(is_it)
                     && let Some((_, sender)) = self.expected.remove(place)
                 {
                     self.counted.late += 1;
-                    self.tell_late(*by_s as f32, sender, now, &mut replies);
+                    self.tell_late(*by_s as f32, sender, now, replies);
                 }
             }
-            Happened::Live(event) => self.live(event, &mut replies),
-        }
-        replies
-    }
-
-    fn live(&mut self, event: &LiveEvent, replies: &mut Vec<OscReply>) {
-        match event {
-            LiveEvent::Set { knob, value, ceiling, until_s, .. } => {
+            RunEvent::Set { knob, value, ceiling, until_s, .. } => {
                 let is_it = |known: &&mut KnobInfo| known.name == *knob;
                 if let Some(known) = self.info.knobs.iter_mut().find(is_it) {
                     known.value = *value;
@@ -466,33 +463,33 @@ impl Translator {
                 self.ceiling(knob, ceiling.as_deref(), replies);
                 self.busy_until(*until_s, replies);
             }
-            LiveEvent::Cue { name, until_s, .. } => {
+            RunEvent::Cue { name, until_s, .. } => {
                 self.all(CUE, &[OscType::String(name.clone())], replies);
                 self.busy_until(*until_s, replies);
             }
-            LiveEvent::Goto { until_s, .. }
-            | LiveEvent::Returned { until_s, .. }
-            | LiveEvent::Motion { until_s, .. }
-            | LiveEvent::Rejoined { until_s, .. } => {
+            RunEvent::Goto { until_s, .. }
+            | RunEvent::Returned { until_s, .. }
+            | RunEvent::Motion { until_s, .. }
+            | RunEvent::Rejoined { until_s, .. } => {
                 self.busy_until(*until_s, replies);
             }
-            LiveEvent::Began { until_s, .. } => {
+            RunEvent::Began { until_s, .. } => {
                 self.state("running", replies);
                 self.busy_until(*until_s, replies);
             }
-            LiveEvent::TakenBack { why, until_s, .. } => {
+            RunEvent::TakenBack { why, until_s, .. } => {
                 self.tell_error(&format!("the last change is taken back: {why}"), None, replies);
                 self.busy_until(*until_s, replies);
             }
-            LiveEvent::MotionRefused { error, line, .. } => {
+            RunEvent::MotionRefused { error, line, .. } => {
                 let place = line.map_or_else(String::new, |line| format!("line {line}: "));
                 self.tell_error(&format!("the motion file was not taken over: {place}{error}"), None, replies);
             }
-            LiveEvent::Unplugged { why, .. } | LiveEvent::Unplaced { why, .. } => self.tell_error(why, None, replies),
-            LiveEvent::AlreadyRuns => self.state("running", replies),
-            LiveEvent::MotionEnded { .. } => self.state("ended", replies),
-            LiveEvent::Resting { .. } | LiveEvent::Placed { .. } | LiveEvent::Late { .. } => {}
-            LiveEvent::Refused { command, why } => self.tell_refusal(&Request::Live(command.clone()), why, replies),
+            RunEvent::Unplugged { why, .. } | RunEvent::Unplaced { why, .. } => self.tell_error(why, None, replies),
+            RunEvent::AlreadyRuns => self.state("running", replies),
+            RunEvent::MotionEnded { .. } => self.state("ended", replies),
+            RunEvent::Resting { .. } | RunEvent::Placed { .. } => {}
+            RunEvent::Refused { command, why } => self.tell_refusal(command, why, replies),
         }
     }
 
@@ -605,7 +602,7 @@ impl Translator {
     }
 
     /// Tells who asked for it, and all clients, that a request was refused.
-    fn tell_refusal(&mut self, request: &Request, why: &str, replies: &mut Vec<OscReply>) {
+    fn tell_refusal(&mut self, request: &RunCommand, why: &str, replies: &mut Vec<OscReply>) {
         self.counted.refused += 1;
         let asked = self.asked.iter().rposition(|(asked, _)| asked == request);
         let asked = asked.and_then(|index| self.asked.remove(index)).map(|(_, from)| self.reply_to(from));
@@ -655,7 +652,7 @@ impl Translator {
 }
 
 /// Adds requests that are due at a time. Those that are due with the group before are part of it.
-fn push_group(translation: &mut Translation, requests: Vec<Request>, due: Instant, sender: Option<SocketAddr>) {
+fn push_group(translation: &mut Translation, requests: Vec<RunCommand>, due: Instant, sender: Option<SocketAddr>) {
     if requests.is_empty() {
         return;
     }

@@ -4,10 +4,11 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::{io, thread};
 
-use pulsetrain_session::control::{Event, Status};
+use pulsetrain_session::control::Status;
 use serde::Serialize;
 
-use crate::control_socket::{ClientKind, Hub, HubLines, HubSender, RunLine};
+use crate::control_socket::{Hub, HubLines, HubSender};
+use crate::live::{ClientKind, RunEvent, RunLine};
 
 /// How long a status is kept, s of the motion.
 const KEPT_S: f64 = 600.0;
@@ -141,8 +142,8 @@ fn listen(sender: &HubSender, lines: &HubLines, history: &Mutex<History>) {
         let read = serde_json::from_str::<RunLine>(&line);
         let mut history = history.lock().unwrap_or_else(PoisonError::into_inner);
         match read {
-            Ok(RunLine::Event(Event::Status(status))) => history.status(&status),
-            Ok(RunLine::Event(_) | RunLine::Live(_) | RunLine::Ended(_)) => history.event(&line),
+            Ok(RunLine::Event(RunEvent::Status(status))) => history.status(&status),
+            Ok(RunLine::Event(_) | RunLine::Ended(_)) => history.event(&line),
             Ok(RunLine::Info(_) | RunLine::Control { .. } | RunLine::Error { .. }) | Err(_) => {}
         }
     }

@@ -19,7 +19,8 @@ use tungstenite::{Message, WebSocket};
 use super::history::History;
 use super::http::{self, Admitted, LONGEST_HEAD, RefusedRequest, Wanted};
 use super::{PageError, PageOptions};
-use crate::control_socket::{ClientKind, Hub, HubLines, HubSender, LONG_LINE_TIME, LONGEST_MOTION_LINE, Next};
+use crate::control_socket::{Hub, HubLines, HubSender, LONG_LINE_TIME, Next};
+use crate::live::{ClientKind, run_line::MAX_MOTION_LINE_BYTES};
 
 /// Connections at a time that were let in. Pages are fewer: the hub has 16 places for them.
 const MOST_CONNECTIONS: usize = 48;
@@ -34,7 +35,7 @@ const WRITE_PATIENCE: Duration = Duration::from_secs(2);
 const LINGER: (Duration, usize) = (Duration::from_millis(200), 64 * 1024);
 /// A page that hears nothing for so long is asked whether it is there.
 const PING_AFTER: Duration = Duration::from_secs(15);
-/// The longest message of a page, bytes. The page that has control may send a motion file of [`LONGEST_MOTION_LINE`]; one client at a time does.
+/// The longest message of a page, bytes. The page that has control may send a motion file of [`MAX_MOTION_LINE_BYTES`]; one client at a time does.
 const LONGEST_MESSAGE: usize = 256 * 1024;
 /// Why a page without control is disconnected that sends a longer one.
 const TOO_LONG: &str = "a message has 256 KiB at most; only the page that has control may send a longer motion file";
@@ -423,7 +424,7 @@ fn hear(socket: &mut WebSocket<Both<'_>>, sender: &HubSender) -> Option<CloseFra
     let mut rate = Rate::new(Instant::now());
     loop {
         // The buffer for a frame is allocated as soon as its length is read, so the limit is set before.
-        let longest = Some(if sender.has_control() { LONGEST_MOTION_LINE } else { LONGEST_MESSAGE });
+        let longest = Some(if sender.has_control() { MAX_MOTION_LINE_BYTES } else { LONGEST_MESSAGE });
         socket.set_config(|config| (config.max_message_size, config.max_frame_size) = (longest, longest));
         let message = socket.read();
         // The turn for a long message is kept until the message is read.

@@ -1,14 +1,13 @@
 //! Motions that are changed while they run. Shows on the native board in virtual time, and processes; nothing depends on how long something takes.
 
 use proptest::prelude::*;
-use pulsetrain::live::{Desk, Happened, KnobValue, Line, LiveCommand, LiveEvent, Request, Show, Together};
+use pulsetrain::live::{Batch, KnobValue, LiveRun, LiveSetpoints, NamedFiles, RunCommand, RunEvent, TypedLine};
 use pulsetrain_board::{Edge, Leased, Native};
 use pulsetrain_motion::program::Program;
-use pulsetrain_session::control::{Command, Ended, Event, Status};
+use pulsetrain_session::control::{Ended, Status};
 use pulsetrain_session::drive::Driven;
 use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::limits::{check_acceleration, check_speed};
-use std::path::PathBuf;
 use std::sync::Arc;
 
 /// Two motors, knobs and cues.
@@ -52,45 +51,45 @@ fade = "1 s"
 
 /// A show and what happened to it.
 pub(crate) struct Stage<B> {
-    pub(crate) show: Show<B>,
-    pub(crate) happened: Vec<Happened>,
+    pub(crate) show: LiveRun<B>,
+    pub(crate) happened: Vec<RunEvent>,
     pub(crate) edges: Vec<Edge>,
     pub(crate) ended: Option<Ended>,
 }
 
-pub(crate) fn staged(text: &str) -> (Desk, Prepared) {
-    let opened = Desk::of(text, "m.toml", PathBuf::new(), None, Some(Default::default()));
-    let (mut desk, contents) = opened.map_err(|error| error.plain()).unwrap();
+pub(crate) fn staged(text: &str) -> (LiveSetpoints, Prepared) {
+    let opened = LiveSetpoints::of(text, "m.toml", None, NamedFiles::none());
+    let (mut setpoints, contents) = opened.map_err(|error| error.plain()).unwrap();
     let mut prepared = Prepared::new("m.toml".to_owned(), contents, None).unwrap();
     prepared.prove_first(|_| {}).unwrap();
-    desk.set_up(&prepared.program);
-    (desk, prepared)
+    setpoints.set_up(&prepared.program);
+    (setpoints, prepared)
 }
 
 fn native(text: &str) -> Stage<Native> {
-    let (desk, prepared) = staged(text);
-    Stage::new(Show::new(Driven::native(&prepared).unwrap(), desk, true))
+    let (setpoints, prepared) = staged(text);
+    Stage::new(LiveRun::new(Driven::native(&prepared).unwrap(), setpoints, true))
 }
 
 impl<B: Leased> Stage<B> {
-    pub(crate) fn new(show: Show<B>) -> Stage<B> {
+    pub(crate) fn new(show: LiveRun<B>) -> Stage<B> {
         Stage { show, happened: Vec::new(), edges: Vec::new(), ended: None }
     }
 
     /// A line, as it is typed. Gives whether it was one.
     pub(crate) fn line(&mut self, line: &str) -> bool {
-        match Line::read(line) {
-            Ok(Line::Request(request)) => self.ask(request),
+        match TypedLine::read(line) {
+            Ok(TypedLine::Command(request)) => self.ask(request),
             Ok(_) => {}
             Err(_) => return false,
         }
         true
     }
 
-    pub(crate) fn ask(&mut self, request: Request) {
+    pub(crate) fn ask(&mut self, batch: impl Into<Batch>) {
         let Stage { show, happened, edges, ended } = self;
         if ended.is_none() {
-            *ended = show.obey(request, &mut |edge: Edge| edges.push(edge), &mut |event| happened.push(event)).unwrap();
+            *ended = show.handle(batch, &mut |edge: Edge| edges.push(edge), &mut |event| happened.push(event)).unwrap();
         }
     }
 
@@ -109,15 +108,12 @@ impl<B: Leased> Stage<B> {
 
     /// The next answer of a live motion that has not been looked at.
     #[track_caller]
-    pub(crate) fn answer(&mut self) -> LiveEvent {
+    pub(crate) fn answer(&mut self) -> RunEvent {
         for _ in 0..1000 {
             // The motion's end is no answer.
-            let is_answer = |happened: &Happened| matches!(happened, Happened::Live(event) if !matches!(event, LiveEvent::MotionEnded { .. }));
-            let place = self.happened.iter().position(is_answer);
-            if let Some(place) = place
-                && let Happened::Live(event) = self.happened.remove(place)
-            {
-                return event;
+            let is_answer = |event: &RunEvent| !event.is_of_session() && !matches!(event, RunEvent::MotionEnded { .. });
+            if let Some(place) = self.happened.iter().position(is_answer) {
+                return self.happened.remove(place);
             }
             self.step();
         }
@@ -127,7 +123,7 @@ impl<B: Leased> Stage<B> {
     /// The motion's time now, s.
     fn now_s(&self) -> f64 {
         let progress = self.happened.iter().rev().find_map(|happened| match happened {
-            Happened::Session(Event::Progress { at_s }) => Some(*at_s),
+            RunEvent::Progress { at_s } => Some(*at_s),
             _ => None,
         });
         progress.unwrap_or(0.0)
@@ -138,7 +134,7 @@ impl<B: Leased> Stage<B> {
     fn refused(&mut self, line: &str) -> String {
         assert!(self.line(line), "{line}");
         match self.answer() {
-            LiveEvent::Refused { why, .. } => why,
+            RunEvent::Refused { why, .. } => why,
             other => panic!("{line}: {other:?}"),
         }
     }
@@ -146,12 +142,12 @@ impl<B: Leased> Stage<B> {
     /// The last status.
     #[track_caller]
     fn status(&mut self) -> Status {
-        self.happened.retain(|happened| matches!(happened, Happened::Live(_)));
+        self.happened.retain(|event| !event.is_of_session());
         for _ in 0..100 {
             self.step();
             let statuses = self.happened.iter().rev();
             let status = statuses.filter_map(|happened| match happened {
-                Happened::Session(Event::Status(status)) => Some(status.clone()),
+                RunEvent::Status(status) => Some(status.clone()),
                 _ => None,
             });
             if let Some(status) = { status }.next() {
@@ -164,16 +160,16 @@ impl<B: Leased> Stage<B> {
     /// Stops, and waits for the end: the board counted what the host sent, or this is an error.
     #[track_caller]
     pub(crate) fn stop(&mut self) -> Ended {
-        self.ask(Request::Session(Command::Stop));
+        self.ask(RunCommand::Stop);
         self.run(10.0);
         self.ended.clone().expect("it stops")
     }
 }
 
 #[track_caller]
-fn set(event: LiveEvent) -> (String, f64, Option<String>, f64, f64) {
+fn set(event: RunEvent) -> (String, f64, Option<String>, f64, f64) {
     match event {
-        LiveEvent::Set { knob, value, ceiling, from_s, until_s, .. } => (knob, value, ceiling, from_s, until_s),
+        RunEvent::Set { knob, value, ceiling, from_s, until_s, .. } => (knob, value, ceiling, from_s, until_s),
         other => panic!("{other:?}"),
     }
 }
@@ -277,8 +273,8 @@ fn cues_follow_one_another_and_a_motion_that_ends_leaves_the_motor_at_rest() {
     let mut stage = native(TEXT);
     stage.run(0.7);
     stage.line("go");
-    let cue = |event: LiveEvent| match event {
-        LiveEvent::Cue { name, from_s, .. } => (name, from_s),
+    let cue = |event: RunEvent| match event {
+        RunEvent::Cue { name, from_s, .. } => (name, from_s),
         other => panic!("{other:?}"),
     };
     let (name, wide_s) = cue(stage.answer());
@@ -302,7 +298,7 @@ fn motors_rest_at_a_position_until_the_motion_is_wanted_again() {
     let mut stage = native(TEXT);
     stage.run(1.3);
     stage.line("goto 0");
-    let LiveEvent::Goto { until_s, from_s, .. } = stage.answer() else { panic!("no goto") };
+    let RunEvent::Goto { until_s, from_s, .. } = stage.answer() else { panic!("no goto") };
     stage.run(until_s - from_s + 0.5);
     assert_eq!((swing(&mut stage, 0, 1.0), swing(&mut stage, 1, 1.0)), ((0, 0), (0, 0)));
     // A knob that is turned does not move motors that were sent home.
@@ -311,7 +307,7 @@ fn motors_rest_at_a_position_until_the_motion_is_wanted_again() {
     stage.run(0.5);
     assert_eq!(swing(&mut stage, 0, 1.0), (0, 0));
     stage.line("resume");
-    assert!(matches!(stage.answer(), LiveEvent::Returned { .. }));
+    assert!(matches!(stage.answer(), RunEvent::Returned { .. }));
     stage.run(3.0);
     assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 20), (0, 40)));
     stage.stop();
@@ -331,16 +327,16 @@ fn arms_are_not_sent_beyond_the_angles_of_their_machine() {
     assert!(why.contains("has no `lead`") && why.contains("write it like \"20 deg\""), "{why}");
     for line in ["goto 20 deg", "goto 80 deg", "goto -40 deg", "goto 0"] {
         stage.line(line);
-        let LiveEvent::Goto { from_s, until_s, .. } = stage.answer() else { panic!("{line}") };
+        let RunEvent::Goto { from_s, until_s, .. } = stage.answer() else { panic!("{line}") };
         stage.run(until_s - from_s + 0.1);
     }
     // A changed file has other angles.
     let text = delta.replace("[\"-40 deg\", \"80 deg\"]", "[\"-50 deg\", \"85 deg\"]");
-    stage.ask(Request::Live(LiveCommand::Motion { text, files: Default::default() }));
-    assert!(matches!(stage.answer(), LiveEvent::Motion { .. }));
+    stage.ask(RunCommand::Motion { text, files: Default::default() });
+    assert!(matches!(stage.answer(), RunEvent::Motion { .. }));
     assert!(stage.refused("goto 85.1 deg").contains("allow -50 deg to 85 deg"));
     stage.line("goto 85 deg");
-    assert!(matches!(stage.answer(), LiveEvent::Goto { .. }));
+    assert!(matches!(stage.answer(), RunEvent::Goto { .. }));
     stage.stop();
 }
 
@@ -349,22 +345,22 @@ fn a_changed_file_is_taken_over_or_refused_with_its_place() {
     let mut stage = native(TEXT);
     stage.run(1.3);
     let file = |stage: &mut Stage<Native>, text: &str| {
-        stage.ask(Request::Live(LiveCommand::Motion { text: text.to_owned(), files: Default::default() }));
+        stage.ask(RunCommand::Motion { text: text.to_owned(), files: Default::default() });
         stage.answer()
     };
     stage.line("a.swing 20 step");
     set(stage.answer());
     // The frequency is the file's; the swing stays as the knob was turned.
     let text = TEXT.replace("frequency = \"1 Hz\"", "frequency = \"0.5 Hz\"");
-    assert!(matches!(file(&mut stage, &text), LiveEvent::Motion { .. }));
+    assert!(matches!(file(&mut stage, &text), RunEvent::Motion { .. }));
     stage.run(3.0);
     assert_eq!((swing(&mut stage, 0, 3.0), swing(&mut stage, 1, 3.0)), ((0, 20), (0, 40)));
     // A new value in the file goes before that of the knob.
-    assert!(matches!(file(&mut stage, &text.replace("40 step", "60 step")), LiveEvent::Motion { .. }));
+    assert!(matches!(file(&mut stage, &text.replace("40 step", "60 step")), RunEvent::Motion { .. }));
     stage.run(3.0);
     assert_eq!(swing(&mut stage, 0, 3.0), (0, 60));
-    let refused = |event: LiveEvent| match event {
-        LiveEvent::MotionRefused { error, line, column } => (error, line.zip(column)),
+    let refused = |event: RunEvent| match event {
+        RunEvent::MotionRefused { error, line, column } => (error, line.zip(column)),
         other => panic!("{other:?}"),
     };
     let (error, place) = refused(file(&mut stage, &text.replace("0.5 Hz", "0.5 s")));
@@ -383,12 +379,12 @@ fn a_changed_file_is_taken_over_or_refused_with_its_place() {
 }
 
 /// Lines that act together.
-pub(crate) fn together(lines: &[&str], at_s: Option<f64>) -> Request {
-    let request = |line: &&str| match Line::read(line) {
-        Ok(Line::Request(request)) => request,
+pub(crate) fn together(lines: &[&str], at_s: Option<f64>) -> Batch {
+    let command = |line: &&str| match TypedLine::read(line) {
+        Ok(TypedLine::Command(request)) => request,
         other => panic!("{line}: {other:?}"),
     };
-    Request::Together(Together { together: lines.iter().map(request).collect(), at_s })
+    Batch { commands: lines.iter().map(command).collect(), at_s }
 }
 
 /// A knob, its value, and the limit that keeps it from the wanted one.
@@ -406,8 +402,8 @@ pub(crate) fn one_change<B: Leased>(stage: &mut Stage<B>, answers: usize) -> (f6
 
 /// The tempo's changes, and when the motion had the new tempo.
 fn tempos<B>(stage: &Stage<B>) -> Vec<(f64, f64)> {
-    let tempo = |happened: &Happened| match happened {
-        Happened::Session(Event::Tempo { rate, from_s, .. }) => Some((*rate, *from_s)),
+    let tempo = |happened: &RunEvent| match happened {
+        RunEvent::Tempo { rate, from_s, .. } => Some((*rate, *from_s)),
         _ => None,
     };
     stage.happened.iter().filter_map(tempo).collect()
@@ -429,7 +425,7 @@ fn of_many_values_of_a_knob_the_last_one_is_answered() {
     }
     stage.run(3.0);
     let answered = stage.happened.iter().filter_map(|happened| match happened {
-        Happened::Live(LiveEvent::Set { value, .. }) => Some(*value),
+        RunEvent::Set { value, .. } => Some(*value),
         _ => None,
     });
     let answered: Vec<f64> = answered.collect();
@@ -443,11 +439,11 @@ fn a_motion_that_has_ended_begins_again() {
     let mut stage = native(&format!("{motors}law.sine = {{ amplitude = \"40 step\", period = \"1 s\", cycles = 2 }}"));
     stage.run(1.0);
     stage.line("begin");
-    assert_eq!(stage.answer(), LiveEvent::AlreadyRuns);
+    assert_eq!(stage.answer(), RunEvent::AlreadyRuns);
     stage.run(6.0);
     assert_eq!((swing(&mut stage, 0, 1.0), swing(&mut stage, 1, 1.0)), ((0, 0), (0, 0)), "it has ended");
     stage.line("begin");
-    assert!(matches!(stage.answer(), LiveEvent::Began { .. }));
+    assert!(matches!(stage.answer(), RunEvent::Began { .. }));
     assert_ne!(swing(&mut stage, 0, 2.0), (0, 0));
     stage.stop();
 }
@@ -466,7 +462,7 @@ fn what_comes_together_is_one_change() {
     // A cue with a knob and a tempo: the cue's numbers, but for the knob.
     stage.happened.clear();
     stage.ask(together(&["cue wide", "a.swing 60 step", "tempo 1"], None));
-    let LiveEvent::Cue { from_s, until_s, .. } = stage.answer() else { panic!("no cue") };
+    let RunEvent::Cue { from_s, until_s, .. } = stage.answer() else { panic!("no cue") };
     let (_, value, _, set_from_s, set_until_s) = set(stage.answer());
     assert_eq!((value, set_from_s, set_until_s), (60.0, from_s, until_s));
     assert_eq!(tempos(&stage)[0].0, 1.0);
@@ -483,7 +479,7 @@ fn values_that_hold_together_are_taken_and_others_are_limited_one_by_one() {
     assert!(answers.iter().all(|(.., ceiling)| ceiling.is_none()), "{answers:?}");
     stage.run(2.0);
     stage.ask(together(&["b.frequency 50 Hz", "a.swing 20 step", "c.swing 1 step"], None));
-    let LiveEvent::Refused { why, .. } = stage.answer() else { panic!("there is no c") };
+    let RunEvent::Refused { why, .. } = stage.answer() else { panic!("there is no c") };
     assert!(why.starts_with("there is no knob `c.swing`"), "{why}");
     let (_, _, answers) = one_change(&mut stage, 2);
     assert!(answers[0].1 < 50.0 && answers[0].2.as_deref() == Some("b: max_acceleration"), "{answers:?}");
@@ -505,8 +501,8 @@ fn a_change_for_a_time_begins_at_its_tick() {
     stage.ask(together(&["a.swing 22 step"], Some(late_s)));
     let (from_s, ..) = one_change(&mut stage, 1);
     assert!((late_s..late_s + 0.15).contains(&from_s), "{from_s} s, for {late_s} s");
-    let late = |event: LiveEvent| match event {
-        LiveEvent::Late { wanted_s, by_s } => (wanted_s, by_s),
+    let late = |event: RunEvent| match event {
+        RunEvent::Late { wanted_s, by_s } => (wanted_s, by_s),
         other => panic!("{other:?}"),
     };
     let (wanted_s, by_s) = late(stage.answer());
@@ -538,7 +534,7 @@ fn a_change_for_a_time_begins_at_its_tick() {
     stage.ask(together(&["stop"], Some(stop_s)));
     stage.run(5.0);
     let stopping = stage.happened.iter().find_map(|happened| match happened {
-        Happened::Session(Event::Stopping { at_s }) => Some(*at_s),
+        RunEvent::Stopping { at_s } => Some(*at_s),
         _ => None,
     });
     assert!(stopping.is_some_and(|at_s| (at_s - stop_s).abs() < 0.015), "{stopping:?}, for {stop_s} s");
@@ -559,7 +555,7 @@ fn targets_are_those_of_the_laws_that_the_motors_follow() {
         .happened
         .iter()
         .filter_map(|happened| match happened {
-            Happened::Session(Event::Status(status)) => Some(&status.motors[1]),
+            RunEvent::Status(status) => Some(&status.motors[1]),
             _ => None,
         })
         .map(|motor| (motor.position as f64 - motor.target.unwrap()).abs())
@@ -574,11 +570,11 @@ fn too_many_and_too_far_are_refused() {
     let mut stage = native(TEXT);
     stage.run(0.1);
     stage.ask(together(&["a.swing 20 step", "tempo 2"], Some(61.0)));
-    let LiveEvent::Refused { why, .. } = stage.answer() else { panic!("it is too far ahead") };
+    let RunEvent::Refused { why, .. } = stage.answer() else { panic!("it is too far ahead") };
     assert_eq!(why, "it is for 60.9 s from now; 60 s are the most");
     (0..1024).for_each(|_| stage.ask(together(&["a.swing 20 step"], Some(30.0))));
     stage.ask(together(&["a.swing 20 step"], Some(30.0)));
-    let LiveEvent::Refused { why, .. } = stage.answer() else { panic!("there are too many") };
+    let RunEvent::Refused { why, .. } = stage.answer() else { panic!("there are too many") };
     assert_eq!(why, "1024 changes wait for their time already");
     stage.stop();
 }
@@ -586,36 +582,36 @@ fn too_many_and_too_far_are_refused() {
 /// What the schedule asks for.
 #[test]
 fn motors_rest_until_the_motion_is_to_begin_from_its_start() {
-    let (mut desk, mut prepared) = staged(TEXT);
-    prepared.program = desk.resting_at(&[0.0, 0.0]).unwrap();
-    desk.set_up(&prepared.program);
-    let mut stage = Stage::new(Show::at_rest(Driven::native(&prepared).unwrap(), desk, true));
-    let rest = |in_place, until: &str| Request::Live(LiveCommand::Rest { in_place, until: until.to_owned() });
+    let (mut setpoints, mut prepared) = staged(TEXT);
+    prepared.program = setpoints.resting_at(&[0.0, 0.0]).unwrap();
+    setpoints.set_up(&prepared.program);
+    let mut stage = Stage::new(LiveRun::at_rest(Driven::native(&prepared).unwrap(), setpoints, true));
+    let rest = |in_place, until: &str| RunCommand::Rest { in_place, until: until.to_owned() };
     stage.ask(rest(false, "Mon"));
-    assert!(matches!(stage.answer(), LiveEvent::Resting { until } if until == "Mon"));
+    assert!(matches!(stage.answer(), RunEvent::Resting { until } if until == "Mon"));
     stage.run(1.0);
     assert!(stage.show.is_resting());
     assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 0), (0, 0)));
     // A cue at the same time comes after the beginning.
-    stage.ask(Request::Live(LiveCommand::Begin));
+    stage.ask(RunCommand::Begin);
     stage.line("cue wide");
-    let LiveEvent::Began { from_s, .. } = stage.answer() else { panic!("no beginning") };
+    let RunEvent::Began { from_s, .. } = stage.answer() else { panic!("no beginning") };
     assert!((4.9..5.3).contains(&from_s), "{from_s}");
-    assert!(matches!(stage.answer(), LiveEvent::Cue { .. }));
+    assert!(matches!(stage.answer(), RunEvent::Cue { .. }));
     stage.run(0.8);
     assert!(!stage.show.is_resting());
     assert_eq!(swing(&mut stage, 0, 2.0), (0, 40));
     // The next cue has followed meanwhile.
     stage.happened.clear();
     stage.line("begin");
-    assert_eq!(stage.answer(), LiveEvent::AlreadyRuns);
+    assert_eq!(stage.answer(), RunEvent::AlreadyRuns);
     stage.ask(rest(false, "Tue"));
-    while !matches!(stage.answer(), LiveEvent::Resting { .. }) {}
+    while !matches!(stage.answer(), RunEvent::Resting { .. }) {}
     stage.run(3.0);
     assert!(stage.show.is_resting());
     assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 0), (0, 0)));
-    stage.ask(Request::Live(LiveCommand::Begin));
-    assert!(matches!(stage.answer(), LiveEvent::Began { .. }));
+    stage.ask(RunCommand::Begin);
+    assert!(matches!(stage.answer(), RunEvent::Began { .. }));
     assert!(stage.show.law_time() < pulsetrain_motion::Time::from_seconds(0.5), "from its beginning");
     stage.run(2.0);
     // Without the cue of the day before.
@@ -645,23 +641,20 @@ fn a_motion_goes_on_with_another_session_from_where_the_motors_stand() {
         let law_time = stage.show.law_time();
         let (_, mut suspended) = stage.show.suspend();
         let mut heard = Vec::new();
-        suspended.obey(Request::Session(Command::Pause), &mut |event| heard.push(event));
+        suspended.handle(RunCommand::Pause, &mut |event| heard.push(event));
         let wider = TEXT.replace("40 step", "60 step");
-        let motion = LiveCommand::Motion { text: wider, files: Default::default() };
-        suspended.obey(Request::Live(motion), &mut |event| heard.push(event));
-        assert!(
-            matches!(heard[..], [Happened::Session(Event::Refused { .. }), Happened::Live(LiveEvent::Motion { .. })]),
-            "{heard:?}"
-        );
+        let motion = RunCommand::Motion { text: wider, files: Default::default() };
+        suspended.handle(motion, &mut |event| heard.push(event));
+        assert!(matches!(heard[..], [RunEvent::Refused { .. }, RunEvent::Motion { .. }]), "{heard:?}");
         let (_, mut prepared) = staged(TEXT);
-        prepared.program = suspended.desk().resting_at(&[13.0, -7.0]).unwrap();
+        prepared.program = suspended.setpoints().resting_at(&[13.0, -7.0]).unwrap();
         let driven = Driven::native(&prepared).unwrap();
         let mut stage = Stage::new(suspended.rejoin_on(driven, &prepared.program, 10.0));
         if parked {
             stage.run(1.0);
             assert_eq!((swing(&mut stage, 0, 1.0), stage.show.is_resting()), ((0, 0), true));
         } else {
-            assert!(matches!(stage.answer(), LiveEvent::Rejoined { times: 1, .. }));
+            assert!(matches!(stage.answer(), RunEvent::Rejoined { times: 1, .. }));
             let went_on = stage.show.law_time().seconds() - law_time.seconds();
             assert!((5.0..5.5).contains(&went_on), "at tempo 0.5: {went_on}");
             stage.run(4.0);
@@ -669,7 +662,7 @@ fn a_motion_goes_on_with_another_session_from_where_the_motors_stand() {
             assert_eq!((swing(&mut stage, 0, 4.0), swing(&mut stage, 1, 4.0)), ((-13, 47), (7, 67)));
         }
         stage.line("goto 0");
-        while !matches!(stage.answer(), LiveEvent::Goto { .. }) {}
+        while !matches!(stage.answer(), RunEvent::Goto { .. }) {}
         stage.run(4.0);
         assert_eq!(stage.stop().counted, [-13, 7], "where the motion begins");
     }
@@ -706,11 +699,11 @@ fn a_speed_changes_from_where_the_motor_is() {
     speed_is("a.speed 1 rev/s", 200.0);
     // A position is reached from afar; from there a speed begins.
     stage.line("goto 90 deg");
-    let LiveEvent::Goto { until_s, .. } = stage.answer() else { panic!("it goes there") };
+    let RunEvent::Goto { until_s, .. } = stage.answer() else { panic!("it goes there") };
     stage.run(until_s - stage.now_s() + 60.0);
     assert_eq!(stage.status().motors.iter().map(|motor| motor.position).collect::<Vec<_>>(), [50, 50]);
     stage.line("resume");
-    let LiveEvent::Returned { from_s, until_s } = stage.answer() else { panic!("it returns") };
+    let RunEvent::Returned { from_s, until_s } = stage.answer() else { panic!("it returns") };
     assert!(until_s - from_s < 0.5, "{from_s} to {until_s}");
     stage.run(2.0);
     stage.stop();
@@ -727,10 +720,10 @@ fn a_changed_speed_goes_on_with_another_session() {
     let stood: Vec<f64> = stage.status().motors.iter().map(|motor| motor.position as f64).collect();
     let (_, suspended) = stage.show.suspend();
     let (_, mut prepared) = staged(&turning());
-    prepared.program = suspended.desk().resting_at(&stood).unwrap();
+    prepared.program = suspended.setpoints().resting_at(&stood).unwrap();
     let driven = Driven::native(&prepared).unwrap();
     let mut stage = Stage::new(suspended.rejoin_on(driven, &prepared.program, 3.0));
-    let LiveEvent::Rejoined { from_s, until_s, .. } = stage.answer() else { panic!("it joins again") };
+    let RunEvent::Rejoined { from_s, until_s, .. } = stage.answer() else { panic!("it joins again") };
     assert!(until_s - from_s < 10.0, "{from_s} to {until_s}");
     stage.run(until_s - stage.now_s() + 1.0);
     let status = stage.status();
@@ -744,14 +737,15 @@ fn a_changed_speed_goes_on_with_another_session() {
 
 #[test]
 fn somebody_says_where_motors_stand() {
-    let desk = staged(TEXT).0;
-    let places = |motor, position| desk.places(motor, position, Some(&[1.0, 2.0])).map_err(|error| error.to_string());
+    let setpoints = staged(TEXT).0;
+    let places =
+        |motor, position| setpoints.places(motor, position, Some(&[1.0, 2.0])).map_err(|error| error.to_string());
     assert_eq!(places(None, "0"), Ok(vec![(0, 0.0), (1, 0.0)]));
     assert_eq!(places(None, "last"), Ok(vec![(0, 1.0), (1, 2.0)]));
     assert_eq!(places(Some("b"), "90 deg"), Ok(vec![(1, 50.0)]));
     assert!(places(Some("c"), "0").unwrap_err().contains("no motor `c`"));
     assert!(places(None, "1 s").unwrap_err().contains("it is a time"));
-    let unknown = desk.places(None, "last", None).unwrap_err().to_string();
+    let unknown = setpoints.places(None, "last", None).unwrap_err().to_string();
     assert!(unknown.contains("the last position at rest is not known"), "{unknown}");
 }
 
@@ -780,10 +774,9 @@ impl<B: Leased> Stage<B> {
     #[track_caller]
     fn taken_back(&mut self) -> (String, bool, f64) {
         for _ in 0..6000 {
-            let place = self.happened.iter().position(|happened| matches!(happened, Happened::Live(_)));
-            if let Some(place) = place {
-                let Happened::Live(event) = self.happened.remove(place) else { continue };
-                let LiveEvent::TakenBack { why, rests, until_s, .. } = event else { panic!("{event:?}") };
+            if let Some(place) = self.happened.iter().position(|event| !event.is_of_session()) {
+                let event = self.happened.remove(place);
+                let RunEvent::TakenBack { why, rests, until_s, .. } = event else { panic!("{event:?}") };
                 return (why, rests, until_s);
             }
             self.step();
@@ -793,13 +786,13 @@ impl<B: Leased> Stage<B> {
 
     /// The present value of a knob.
     fn knob(&self, name: &str) -> f64 {
-        self.show.desk().knobs().iter().find(|knob| knob.name == name).unwrap().value
+        self.show.setpoints().knobs().iter().find(|knob| knob.name == name).unwrap().value
     }
 
     /// Holds every step of all motors against their limits.
     #[track_caller]
     fn check_limits(&self) {
-        check_limits(&self.edges, self.show.desk().setup()).unwrap();
+        check_limits(&self.edges, self.show.setpoints().setup()).unwrap();
     }
 }
 
@@ -853,8 +846,7 @@ fn a_change_that_is_refused_later_is_taken_back() {
     assert!(why.contains("motor a") && why.contains("limit is 800.0 steps/s") && !rests, "{why}");
     assert!((38.0..60.0).contains(&until_s), "{until_s}");
     assert_eq!(stage.knob("a.growth"), 0.0);
-    let is_rejoined =
-        |happened: &Happened| matches!(happened, Happened::Live(_) | Happened::Session(Event::Failed { .. }));
+    let is_rejoined = |event: &RunEvent| !event.is_of_session() || matches!(event, RunEvent::Failed { .. });
     assert!(!stage.happened.iter().any(is_rejoined), "it is reported once");
     // Both follow the earlier laws again, at their own time.
     stage.run(until_s - stage.now_s() + 2.0);
@@ -910,7 +902,7 @@ fn motors_rest_where_no_earlier_motion_can_be_followed() {
     // From its beginning the motion keeps the limits for its first 45 s again.
     stage.line("begin");
     let began = stage.answer();
-    let LiveEvent::Began { until_s, .. } = began else { panic!("{began:?}") };
+    let RunEvent::Began { until_s, .. } = began else { panic!("{began:?}") };
     stage.run(until_s - stage.now_s() + 1.0);
     assert_eq!((swing(&mut stage, 0, 2.0), swing(&mut stage, 1, 2.0)), ((0, 20), (0, 40)));
     stage.stop();
@@ -969,9 +961,9 @@ fn a_return_to_the_motion_pushes_out_no_earlier_one() {
     }
     for _ in 0..8 {
         stage.line("goto 0");
-        assert!(matches!(stage.answer(), LiveEvent::Goto { .. }));
+        assert!(matches!(stage.answer(), RunEvent::Goto { .. }));
         stage.line("resume");
-        assert!(matches!(stage.answer(), LiveEvent::Returned { .. }));
+        assert!(matches!(stage.answer(), RunEvent::Returned { .. }));
     }
     assert!(stage.now_s() < 40.0);
     let (_, rests, _) = stage.taken_back();
@@ -995,9 +987,9 @@ fn a_start_changes_nothing_while_the_motion_runs() {
         }
         stage.happened.clear();
         stage.line(start);
-        assert_eq!(stage.answer(), LiveEvent::AlreadyRuns, "{start}");
+        assert_eq!(stage.answer(), RunEvent::AlreadyRuns, "{start}");
         assert_ne!(swing(&mut stage, 0, 2.0).1, 0);
-        let is_refused = |it: &Happened| matches!(it, Happened::Session(Event::Refused { .. }));
+        let is_refused = |it: &RunEvent| it.is_of_session() && matches!(it, RunEvent::Refused { .. });
         assert!(!stage.happened.iter().any(is_refused));
         // While it is paused the start is refused, and says what goes on.
         stage.line("pause");
@@ -1015,7 +1007,7 @@ const TO_AND_FRO: &str = "board = \"uno\"\n[motor.a]\nsteps_per_rev = 200\nmicro
 /// The times of the events that say that the motion has ended, s.
 fn ends<B: Leased>(stage: &Stage<B>) -> Vec<f64> {
     let ends = stage.happened.iter().filter_map(|happened| match happened {
-        Happened::Live(LiveEvent::MotionEnded { at_s }) => Some(*at_s),
+        RunEvent::MotionEnded { at_s } => Some(*at_s),
         _ => None,
     });
     ends.collect()
@@ -1060,9 +1052,8 @@ fn a_motion_that_stops_or_has_ended_does_not_run_already() {
     stage.run(3.0);
     assert_eq!(ends(&stage).len(), 1);
     let refusals = |stage: &Stage<Native>| {
-        let is_refused =
-            |it: &&Happened| matches!(it, Happened::Session(Event::Refused { command: Command::Resume, .. }));
-        let says_it_runs = |it: &Happened| *it == Happened::Live(LiveEvent::AlreadyRuns);
+        let is_refused = |it: &&RunEvent| matches!(it, RunEvent::Refused { command: RunCommand::Resume, .. });
+        let says_it_runs = |it: &RunEvent| *it == RunEvent::AlreadyRuns;
         assert!(!stage.happened.iter().any(says_it_runs));
         stage.happened.iter().filter(is_refused).count()
     };
@@ -1071,7 +1062,7 @@ fn a_motion_that_stops_or_has_ended_does_not_run_already() {
     assert_eq!(refusals(&stage), 1);
     stage.line("begin");
     stage.run(0.3);
-    stage.ask(Request::Session(Command::Stop));
+    stage.ask(RunCommand::Stop);
     stage.happened.clear();
     assert!(stage.refused("begin").contains("the session ends"));
     stage.step();
@@ -1095,7 +1086,7 @@ fn a_stop_is_obeyed_before_what_comes_with_it() {
     assert!(!stage.show.rejoins());
     assert_eq!(stage.now_s(), asked_s);
     for knob in ["b.frequency", "a.swing"] {
-        let LiveEvent::Refused { command: LiveCommand::Set { knob: refused, .. }, why } = stage.answer() else {
+        let RunEvent::Refused { command: RunCommand::Set { knob: refused, .. }, why } = stage.answer() else {
             panic!("{knob} is not refused")
         };
         assert_eq!((refused.as_str(), why.as_str()), (knob, "a stop came with it"));
@@ -1133,7 +1124,7 @@ fn a_stop_ends_the_search_for_the_nearest_value() {
         let request = together(&["b.frequency 50 Hz", "a.swing 20 step"], at_s);
         let mut observer = |edge: Edge| edges.push(edge);
         let mut tell = |event| happened.push(event);
-        *ended = show.obey_until(request, &mut stop_waits, &mut observer, &mut tell).unwrap();
+        *ended = show.handle_until(request, &mut stop_waits, &mut observer, &mut tell).unwrap();
         for _ in 0..100 {
             if until.get() == u64::MAX {
                 *ended = show.step_until(&mut stop_waits, &mut observer, &mut tell).unwrap();
@@ -1143,7 +1134,7 @@ fn a_stop_ends_the_search_for_the_nearest_value() {
         assert_eq!((show.now(), passes.get()), (until.get(), stopped_after));
         assert!(until.get() < show.zero() + 2 * hertz);
         for knob in ["b.frequency", "a.swing"] {
-            let LiveEvent::Refused { command: LiveCommand::Set { knob: refused, .. }, why } = stage.answer() else {
+            let RunEvent::Refused { command: RunCommand::Set { knob: refused, .. }, why } = stage.answer() else {
                 panic!("{knob} is not refused")
             };
             assert_eq!((refused.as_str(), why.as_str()), (knob, "a stop came meanwhile"));
@@ -1177,7 +1168,7 @@ fn knobs_and_cues_that_are_wrong_are_errors_of_the_file() {
     let check = |from: &str, to: &str, part: &str| {
         let text = TEXT.replace(from, to);
         assert_ne!(text, TEXT, "{from}");
-        let error = Desk::of(&text, "m.toml", PathBuf::new(), None, None).unwrap_err().plain();
+        let error = LiveSetpoints::of(&text, "m.toml", None, NamedFiles::none()).unwrap_err().plain();
         assert!(error.contains(part), "{to}: {error}");
     };
     check("target = \"a.frequency\"", "target = \"a.freqency\"", "did you mean \"a.frequency\"?");
@@ -1223,15 +1214,15 @@ fn a_cue_sets_knobs_by_their_names() {
         let mut stage = native(&with_set(set).replace("least = \"0.1 Hz\", ", "").replace("follow = \"1 s\"\n", ""));
         stage.run(0.5);
         stage.line("cue wide");
-        let LiveEvent::Cue { from_s, until_s, .. } = stage.answer() else { panic!("no cue") };
+        let RunEvent::Cue { from_s, until_s, .. } = stage.answer() else { panic!("no cue") };
         stage.run(until_s - from_s + 0.2);
-        let knobs = stage.show.desk().knobs();
+        let knobs = stage.show.setpoints().knobs();
         assert_eq!((knobs[0].name.as_str(), knobs[0].value), ("speed", hz));
         stage.stop();
     }
     let check = |set: &str, at: &str, message: &str| {
         let text = with_set(set);
-        let error = Desk::of(&text, "m.toml", PathBuf::new(), None, None).unwrap_err();
+        let error = LiveSetpoints::of(&text, "m.toml", None, NamedFiles::none()).unwrap_err();
         let start = text.find(set).unwrap() + set.find(at).unwrap();
         let line = text[..start].matches('\n').count() + 1;
         let column = start - text[..start].rfind('\n').unwrap();
@@ -1256,7 +1247,7 @@ fn the_example_of_midi_is_right() {
     let page = std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/midi.md")).unwrap();
     let example = page.split("```toml").nth(1).and_then(|rest| rest.split("```").next()).expect("an example");
     let motors = TEXT.split("[live.knobs]").next().unwrap();
-    let opened = Desk::of(&format!("{motors}{example}"), "m.toml", PathBuf::new(), None, None);
+    let opened = LiveSetpoints::of(&format!("{motors}{example}"), "m.toml", None, NamedFiles::none());
     let (_, contents) = opened.map_err(|error| error.plain()).unwrap();
     let midi = contents.live.midi.expect("[live.midi]");
     assert_eq!(
@@ -1317,7 +1308,7 @@ proptest! {
     ) {
         let mut stage = native(TEXT);
         for (line, steps) in &lines {
-            if Line::read(line) != Ok(Line::Request(Request::Session(Command::Stop))) {
+            if TypedLine::read(line) != Ok(TypedLine::Command(RunCommand::Stop)) {
                 stage.line(line);
             }
             (0..*steps).for_each(|_| stage.step());
@@ -1605,7 +1596,7 @@ fn a_tempo_keeps_to_the_limits_of_the_tip() {
         stage.line("tempo 3");
         stage.run(0.5);
         let told = stage.happened.iter().find_map(|happened| match happened {
-            Happened::Session(Event::Tempo { rate, ceiling, .. }) => Some((*rate, ceiling.clone())),
+            RunEvent::Tempo { rate, ceiling, .. } => Some((*rate, ceiling.clone())),
             _ => None,
         });
         let (rate, ceiling) = told.expect("a tempo");
@@ -1679,27 +1670,25 @@ fn a_motion_may_be_changed_after_a_motor_has_ended() {
     for line in ["pause", "resume", "tempo 0.5", "goto 0"] {
         stage.line(line);
         stage.run(1.0);
-        let refused = stage.happened.iter().find(|it| {
-            matches!(it, Happened::Live(LiveEvent::Refused { .. }) | Happened::Session(Event::Refused { .. }))
-        });
+        let refused = stage.happened.iter().find(|it| matches!(it, RunEvent::Refused { .. }));
         assert_eq!(refused, None, "{line}");
     }
     stage.stop();
 }
 
-/// A desk that did not change gives the program that it made before, and every change is a program of its own.
+/// A setpoints that did not change gives the program that it made before, and every change is a program of its own.
 #[test]
 fn a_desk_reads_each_of_its_motions_once() {
-    let (desk, _) = staged(TEXT);
-    let law = |desk: &Desk| desk.program().unwrap().motors[0].law.clone();
-    let begun = desk.program().unwrap();
-    assert!(Arc::ptr_eq(&begun, &desk.clone().program().unwrap()));
-    let turn = desk.turn("speed", &KnobValue::Number(2.0)).unwrap();
-    let turned = desk.turned(&turn, 2.0);
+    let (setpoints, _) = staged(TEXT);
+    let law = |setpoints: &LiveSetpoints| setpoints.program().unwrap().motors[0].law.clone();
+    let begun = setpoints.program().unwrap();
+    assert!(Arc::ptr_eq(&begun, &setpoints.clone().program().unwrap()));
+    let knob_move = setpoints.knob_move("speed", &KnobValue::Number(2.0)).unwrap();
+    let turned = setpoints.with_knob(&knob_move, 2.0);
     assert_ne!(law(&turned), begun.motors[0].law);
     assert!(Arc::ptr_eq(&turned.program().unwrap(), &turned.program().unwrap()));
-    assert_ne!(law(&desk.turned(&turn, 1.5)), law(&turned));
-    assert_eq!(law(&desk), begun.motors[0].law);
+    assert_ne!(law(&setpoints.with_knob(&knob_move, 1.5)), law(&turned));
+    assert_eq!(law(&setpoints), begun.motors[0].law);
     let (other, _) = staged(&TEXT.replace("40 step", "30 step"));
-    assert_ne!(law(&other), law(&desk));
+    assert_ne!(law(&other), law(&setpoints));
 }

@@ -3,12 +3,13 @@
 //! `PULSETRAIN_SEED` says other random requests, `PULSETRAIN_ROUNDS` how many times as many.
 
 use crate::live::check_limits;
-use pulsetrain::live::{Desk, Line, Request, Show};
+use pulsetrain::live::{LiveRun, LiveSetpoints, NamedFiles, RunCommand, TypedLine};
+use pulsetrain::motion::file::{MOST_OF_A_NAMED_FILE, read_named_text};
 use pulsetrain_board::{BoardKind, Edge, Leased};
-use pulsetrain_session::control::Command;
 use pulsetrain_session::drive::Driven;
 use pulsetrain_session::prepare::Prepared;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Examples that can be changed while they run, with the time between two requests, s.
 const EXAMPLES: [&str; 9] = [
@@ -36,8 +37,8 @@ impl Random {
     }
 
     /// A line that somebody might type.
-    fn line<B: Leased>(&mut self, show: &Show<B>) -> String {
-        let (knobs, cues) = (show.desk().knobs(), show.desk().cues());
+    fn line<B: Leased>(&mut self, show: &LiveRun<B>) -> String {
+        let (knobs, cues) = (show.setpoints().knobs(), show.setpoints().cues());
         match self.from(0.0, 12.0) as u32 {
             0 => format!("tempo {:.2}", self.from(0.0, 3.0)),
             1 => "tempo 1".to_owned(),
@@ -63,16 +64,17 @@ impl Random {
 fn ask_at_random(example: &str, board: Option<&str>, seed: u64) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../examples");
     let text = limited(&std::fs::read_to_string(folder.join(example)).unwrap());
-    let opened = Desk::of(&text, example, folder, board, None);
-    let (mut desk, contents) = opened.map_err(|error| error.plain()).unwrap();
+    let load = move |named: &Path| read_named_text(&folder.join(named), MOST_OF_A_NAMED_FILE);
+    let opened = LiveSetpoints::of(&text, example, board, NamedFiles::LoadedBy(Arc::new(load)));
+    let (mut setpoints, contents) = opened.map_err(|error| error.plain()).unwrap();
     let mut prepared = Prepared::new(example.to_owned(), contents, board).unwrap();
     prepared.prove_first(|_| {}).unwrap();
-    desk.set_up(&prepared.program);
+    setpoints.set_up(&prepared.program);
     match board.and_then(BoardKind::named) {
-        None => asked(Show::new(Driven::native(&prepared).unwrap(), desk, true), example, seed),
+        None => asked(LiveRun::new(Driven::native(&prepared).unwrap(), setpoints, true), example, seed),
         Some(kind) => {
             let driven = Driven::on_virtual(kind, &prepared, kind.usual_baud()).unwrap();
-            asked(Show::new(driven, desk, true), example, seed);
+            asked(LiveRun::new(driven, setpoints, true), example, seed);
         }
     }
 }
@@ -97,15 +99,15 @@ fn limited(text: &str) -> String {
     limited
 }
 
-fn asked<B: Leased>(mut show: Show<B>, example: &str, seed: u64) {
+fn asked<B: Leased>(mut show: LiveRun<B>, example: &str, seed: u64) {
     println!("{example}, PULSETRAIN_SEED={seed}");
-    let (begin, hz) = (show.now(), show.desk().setup().board.tick_hz as f64);
+    let (begin, hz) = (show.now(), show.setpoints().setup().board.tick_hz as f64);
     let mut random = Random(seed);
     let mut lines = Vec::new();
     let mut edges = Vec::new();
-    let mut run = |show: &mut Show<B>, request: Option<Request>, lines: &[String]| {
+    let mut run = |show: &mut LiveRun<B>, request: Option<RunCommand>, lines: &[String]| {
         let mut observer = |edge: Edge| edges.push(edge);
-        let asked = request.map_or(Ok(None), |request| show.obey(request, &mut observer, &mut |_| {}));
+        let asked = request.map_or(Ok(None), |request| show.handle(request, &mut observer, &mut |_| {}));
         let stepped = asked.and_then(|_| show.step(&mut observer, &mut |_| {}));
         stepped.unwrap_or_else(|error| panic!("{example}, seed {seed}, after {lines:#?}: {error}"))
     };
@@ -116,15 +118,15 @@ fn asked<B: Leased>(mut show: Show<B>, example: &str, seed: u64) {
         }
         let line = random.line(&show);
         lines.push(format!("{:.2} s: {line}", (show.now() - begin) as f64 / hz));
-        let Ok(Line::Request(request)) = Line::read(&line) else { panic!("{line} is no line") };
+        let Ok(TypedLine::Command(request)) = TypedLine::read(&line) else { panic!("{line} is no line") };
         run(&mut show, Some(request), &lines);
     }
     // The board counts what was sent, or this is an error.
-    let mut ended = run(&mut show, Some(Request::Session(Command::Stop)), &lines);
+    let mut ended = run(&mut show, Some(RunCommand::Stop), &lines);
     while ended.is_none() {
         ended = run(&mut show, None, &lines);
     }
-    let checked = check_limits(&edges, show.desk().setup());
+    let checked = check_limits(&edges, show.setpoints().setup());
     checked.unwrap_or_else(|error| panic!("{example}, seed {seed}, after {lines:#?}: {error}"));
 }
 

@@ -1,10 +1,10 @@
 //! The page: who gets in, and what a browser gets, by raw sockets. A test stands for the run. Nothing here depends on how long something takes.
 
-use pulsetrain::control_socket::{Hub, RunEnded, RunInfo};
-use pulsetrain::live::{KnobInfo, KnobValue, LiveCommand, LiveEvent, Request};
+use pulsetrain::control_socket::{Hub, run_info};
+use pulsetrain::live::{Batch, KnobInfo, KnobValue, RunCommand, RunEnded, RunEvent, RunInfo};
 use pulsetrain::motion::file;
 use pulsetrain::page::{self, Page, PageError, PageOptions, Token};
-use pulsetrain::session::control::{Command, Event, MotorStatus, Status};
+use pulsetrain::session::control::{MotorStatus, Status};
 use serde_json::Value;
 use std::io::{self, Read, Write};
 use std::net::{Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
@@ -17,7 +17,7 @@ const MOTION: &str = "board = \"native\"\n[motor.wheel]\nsteps_per_rev = 200\npu
 /// A live motion of the test's own, with its page.
 struct Run {
     hub: Hub,
-    requests: Receiver<Request>,
+    batches: Receiver<Batch>,
     page: Page,
 }
 
@@ -33,15 +33,15 @@ impl Run {
             greatest: Some(1.0),
             value: 0.1,
         };
-        let info = RunInfo { is_live: true, knobs: vec![knob], ..RunInfo::new("wheel.toml", &program, None, true) };
-        let (sender, requests) = channel();
+        let info = RunInfo { is_live: true, knobs: vec![knob], ..run_info("wheel.toml", &program, None, true) };
+        let (sender, batches) = channel();
         let hub = Hub::of_live(info, sender);
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let options = PageOptions { token, ..PageOptions::default() };
         MOTION.clone_into(&mut options.motion.lock().unwrap());
         let page = page::serve(&hub, listener, options).unwrap();
         hub.looked();
-        Run { hub, requests, page }
+        Run { hub, batches, page }
     }
 
     fn host(&self) -> String {
@@ -207,7 +207,7 @@ fn a_browser_gets_the_page_and_nothing_changes_by_a_request() {
         refused(&answer, 405, "commands come by the WebSocket");
     }
     run.get("/?command=stop", &[&own]);
-    assert_eq!(run.requests.try_iter().count(), 0);
+    assert_eq!(run.batches.try_iter().count(), 0);
 }
 
 #[test]
@@ -329,10 +329,10 @@ fn many_connections_and_endless_heads_leave_it_as_it_was() {
         }
     };
     assert!(busy.starts_with("HTTP/1.1 503 "), "{busy}");
-    run.hub.tell(&Event::Pausing { rests_s: 1.0 });
+    run.hub.publish(&RunEvent::Pausing { rests_s: 1.0 });
     assert_eq!(page.until(|line| line.get("event").is_some())["event"], "pausing");
     page.send("{\"command\":\"stop\"}");
-    assert_eq!(run.requests.recv().unwrap(), Request::Session(Command::Stop));
+    assert_eq!(run.batches.recv().unwrap(), RunCommand::Stop.into());
     drop(waiting);
     // The places are free again.
     while !run.get("/icon.svg", &[&own]).starts_with("HTTP/1.1 200 ") {}
@@ -356,23 +356,23 @@ fn two_want_control_and_one_has_it() {
     other.send(&set(0.3));
     assert!(other.until(|line| line.get("error").is_some())["error"].as_str().unwrap().contains("another page"));
     one.send(&set(0.4));
-    let expected = LiveCommand::Set { knob: "wheel.speed".into(), value: KnobValue::Number(0.4) };
-    assert_eq!(run.requests.recv().unwrap(), Request::Live(expected));
+    let expected = RunCommand::Set { knob: "wheel.speed".into(), value: KnobValue::Number(0.4) };
+    assert_eq!(run.batches.recv().unwrap(), expected.clone().into());
     // Control changes hands when it is asked for, and the one who had it hears of that.
     other.send("{\"control\":true}");
     one.until(|line| is_control(line) && has(line) == (false.into(), true.into()));
     // Lines of one message act together.
     other.send(&format!("{}\n{{\"command\":\"go\"}}", set(0.5)));
-    let expected = LiveCommand::Set { knob: "wheel.speed".into(), value: KnobValue::Number(0.5) };
-    let together = Request::together(vec![Request::Live(expected), Request::Live(LiveCommand::Go)], None);
-    assert_eq!(run.requests.recv().unwrap(), together);
+    let expected = RunCommand::Set { knob: "wheel.speed".into(), value: KnobValue::Number(0.5) };
+    let together = Batch::now(vec![expected, RunCommand::Go]);
+    assert_eq!(run.batches.recv().unwrap(), together);
     // All may stop.
     one.send("{\"command\":\"stop_now\"}");
-    assert_eq!(run.requests.recv().unwrap(), Request::Session(Command::StopNow));
+    assert_eq!(run.batches.recv().unwrap(), RunCommand::StopNow.into());
     // Who leaves gives it back.
     drop(other);
     one.until(|line| is_control(line) && has(line) == (false.into(), false.into()));
-    assert_eq!(run.requests.try_iter().count(), 0);
+    assert_eq!(run.batches.try_iter().count(), 0);
 }
 
 #[test]
@@ -380,13 +380,13 @@ fn a_page_that_comes_later_sees_what_was() {
     let run = Run::new(None);
     let status = |at_s: f64| {
         let motor = MotorStatus { position: 7, target: Some(7.25), speed: Some(20.0), queue: (1, 2) };
-        Event::Status(Status { at_s, lease_s: None, motors: vec![motor], lateness: None })
+        RunEvent::Status(Status { at_s, lease_s: None, motors: vec![motor], lateness: None })
     };
     // The history is written by a thread of its own: an early page shows that it has come so far.
     let mut early = run.socket();
     early.until(|line| line.get("past").is_some());
-    run.hub.tell(&status(1.0));
-    run.hub.tell_live(&LiveEvent::Goto { position: "0".into(), from_s: 1.0, until_s: 2.0 });
+    run.hub.publish(&status(1.0));
+    run.hub.publish(&RunEvent::Goto { position: "0".into(), from_s: 1.0, until_s: 2.0 });
     early.until(|line| line["event"] == "status");
     early.until(|line| line["event"] == "goto");
     let (history, past) = loop {
@@ -419,14 +419,14 @@ const TOO_LONG: &str = "a message has 256 KiB at most; only the page that has co
 #[test]
 fn the_page_that_has_control_sends_large_motion_files() {
     let run = Run::new(None);
-    let motion = |text: String| LiveCommand::Motion { text, files: Default::default() };
+    let motion = |text: String| RunCommand::Motion { text, files: Default::default() };
     let text = "#".repeat(file::MOST_OF_A_MOTION_FILE as usize);
     let line = serde_json::to_string(&motion(text.clone())).unwrap();
     let mut page = run.socket();
     page.send("{\"control\":true}");
     page.send(&line);
-    let received = run.requests.recv().unwrap();
-    assert!(received == Request::Live(motion(text.clone())), "the whole motion file");
+    let received = run.batches.recv().unwrap();
+    assert!(received == motion(text.clone()).into(), "the whole motion file");
     // The next one waits until this one was looked at.
     run.hub.looked();
     // Others cannot begin one.
@@ -443,10 +443,10 @@ fn the_page_that_has_control_sends_large_motion_files() {
     assert_eq!(page.closed(), (1009, TOO_LONG.to_owned()));
     // Its turn is over: that of the other one comes.
     other.send(&serde_json::to_string(&motion("#".repeat(300_000))).unwrap());
-    assert!(matches!(run.requests.recv().unwrap(), Request::Live(LiveCommand::Motion { .. })));
+    assert!(matches!(run.batches.recv().unwrap().single(), Some(RunCommand::Motion { .. })));
     other.send(&format!("{{\"command\":\"goto\",\"position\":\"{}\"}}", "0".repeat(300_000)));
     assert!(other.until(|line| line.get("error").is_some())["error"].as_str().unwrap().contains("4096 bytes at most"));
-    assert_eq!(run.requests.try_iter().count(), 0);
+    assert_eq!(run.batches.try_iter().count(), 0);
 }
 
 #[test]
@@ -466,8 +466,8 @@ fn a_page_that_sends_too_much_is_closed() {
     let mut page = run.socket();
     page.send("{\"control\":true}");
     let text = "#".repeat(200_000);
-    page.send(&serde_json::to_string(&LiveCommand::Motion { text: text.clone(), files: Default::default() }).unwrap());
-    assert_eq!(run.requests.recv().unwrap(), Request::Live(LiveCommand::Motion { text, files: Default::default() }));
+    page.send(&serde_json::to_string(&RunCommand::Motion { text: text.clone(), files: Default::default() }).unwrap());
+    assert_eq!(run.batches.recv().unwrap(), RunCommand::Motion { text, files: Default::default() }.into());
     // What is no command is answered.
     page.send("stop");
     assert!(page.until(|line| line.get("error").is_some())["error"].as_str().unwrap().contains("no line of JSON"));
@@ -485,9 +485,9 @@ fn deaf_pages_do_not_hold_up_the_run() {
     refused(&full.err().unwrap(), 503, "");
     for place in 0..20_000 {
         let motors = vec![MotorStatus { position: place, target: None, speed: None, queue: (0, 0) }; 8];
-        run.hub.tell(&Event::Status(Status { at_s: place as f64, lease_s: None, motors, lateness: None }));
+        run.hub.publish(&RunEvent::Status(Status { at_s: place as f64, lease_s: None, motors, lateness: None }));
     }
-    (0..1000).for_each(|_| run.hub.tell(&Event::Pausing { rests_s: 1.0 }));
+    (0..1000).for_each(|_| run.hub.publish(&RunEvent::Pausing { rests_s: 1.0 }));
     drop(deaf);
     // Their places are free again.
     while run.open(&run.upgrade(&format!("http://{}", run.host()))).is_err() {}

@@ -1,10 +1,8 @@
 //! A live motion's board at a port: it may be unplugged and come back, and its positions are kept.
 
-use std::time::Duration;
-
 use pulsetrain_board::remote::in_words;
 use pulsetrain_board::serial::{self, Listed, Usb};
-use pulsetrain_board::{Board, BoardClock, Leased, Remote, RemoteError, Serial, WithReference};
+use pulsetrain_board::{Board, BoardClock, Remote, RemoteError, Serial, WithReference};
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;
 use pulsetrain_motion::program::Program;
@@ -14,6 +12,7 @@ use pulsetrain_session::prepare::Prepared;
 
 use crate::clock::Onward;
 use crate::last_positions::{self, Keeper};
+use crate::live::{FoundBoard, LiveBoard};
 use pulsetrain_report::positions::start;
 use pulsetrain_trace::Line;
 
@@ -42,57 +41,6 @@ impl<B> LiveBeginning<B> {
             LiveBeginning::Resume => &[],
         }
     }
-}
-
-/// The board of a live motion. A virtual one needs none of this.
-pub(super) trait LiveBoard<B: Leased>: Send {
-    /// Keeps the positions, from time to time.
-    fn keep(&mut self, _status: &Status, _is_resting: bool) {}
-
-    /// Ends the session in the end. `counted` are the board's counts, if they are known.
-    fn close(&mut self, driven: Driven<B>, _counted: Option<&Ended>) {
-        drop(driven);
-    }
-
-    /// The port, if there is one that may come back.
-    fn port(&self) -> Option<&str> {
-        None
-    }
-
-    /// The board is lost: notes what is needed to know it again, and closes the port.
-    fn lost(&mut self, driven: Driven<B>) {
-        drop(driven);
-    }
-
-    /// Looks for the board.
-    fn look(&mut self) -> Found {
-        Found::Nothing
-    }
-
-    /// Where the motors stood when they were known last, steps, if they rested there.
-    fn last(&self) -> Option<Vec<f64>> {
-        None
-    }
-
-    /// Begins another session, with the motors at rest at these positions. Gives the program for which it was set up.
-    fn begin(&mut self, _positions: &[f64]) -> Result<(Driven<B>, Program), DriveError> {
-        Err(DriveError::Remote(RemoteError::Nonsense))
-    }
-}
-
-/// A board of which nothing needs to be known later.
-pub(super) struct NoPort;
-
-impl<B: Leased> LiveBoard<B> for NoPort {}
-
-/// What a look for the board has found.
-pub(super) enum Found {
-    /// It is not there, or does not answer yet.
-    Nothing,
-    /// It is there and still counts: where the motors stand, steps.
-    Known(Vec<f64>),
-    /// It is there, but the motors' positions are unknown: the reason.
-    Unknown(String),
 }
 
 /// A board at a serial port.
@@ -134,7 +82,7 @@ impl OnPort {
     }
 
     /// What the board that answers knows of the positions.
-    fn ask(&self, remote: &mut Remote<Serial>) -> Result<Found, RemoteError> {
+    fn ask(&self, remote: &mut Remote<Serial>) -> Result<FoundBoard, RemoteError> {
         // Motors may still brake, or go on to the end of their plan.
         remote.wait_for_rest(|| true)?;
         let status = remote.status()?;
@@ -161,19 +109,19 @@ impl OnPort {
                 // A board that was reset counts its ticks from 0. Its clock may be off by a part in a hundred.
                 let doubt = expected / 100 + u64::from(info.tick_hz) / 5;
                 if now + doubt < expected || counts.len() != program.motors.len() {
-                    return Ok(Found::Unknown(reset()));
+                    return Ok(FoundBoard::Unknown(reset()));
                 }
                 Some(start.iter().zip(&counts).map(|(start, count)| start + *count as f64).collect())
             }
-            _ if counts.len() != program.motors.len() => return Ok(Found::Unknown(reset())),
+            _ if counts.len() != program.motors.len() => return Ok(FoundBoard::Unknown(reset())),
             _ => last_positions::recall(&self.port, program, &counts, now),
         };
         Ok(match found {
             Some(_) if !is_counted => {
-                Found::Unknown(format!("the board stopped its motors at once ({})", in_words(info.last_stop)))
+                FoundBoard::Unknown(format!("the board stopped its motors at once ({})", in_words(info.last_stop)))
             }
-            Some(found) => Found::Known(found),
-            None => Found::Unknown("no run of this computer has left the positions at this board".to_owned()),
+            Some(found) => FoundBoard::Known(found),
+            None => FoundBoard::Unknown("no run of this computer has left the positions at this board".to_owned()),
         })
     }
 }
@@ -198,7 +146,7 @@ impl LiveBoard<WithReference<Remote<Serial>>> for OnPort {
         Some(&self.port)
     }
 
-    fn lost(&mut self, mut driven: AtPort) {
+    fn lose(&mut self, mut driven: AtPort) {
         let board = driven.board_mut();
         let (clock, time) = (board.clock().clone(), Onward::from(pulsetrain_board::Port::now(board.port())));
         let start = self.prepared.program.motors.iter().map(start).collect();
@@ -207,17 +155,17 @@ impl LiveBoard<WithReference<Remote<Serial>>> for OnPort {
         drop(driven);
     }
 
-    fn look(&mut self) -> Found {
+    fn look(&mut self) -> FoundBoard {
         let Some(port) =
             find_again(&self.port, self.usb.as_ref(), &serial::list(), |name| std::path::Path::new(name).exists())
         else {
-            return Found::Nothing;
+            return FoundBoard::Nothing;
         };
         self.answered = None;
-        let Ok(serial) = Serial::open(&port, false) else { return Found::Nothing };
-        let Ok(mut remote) = Remote::open(serial, session_number()) else { return Found::Nothing };
+        let Ok(serial) = Serial::open(&port, false) else { return FoundBoard::Nothing };
+        let Ok(mut remote) = Remote::open(serial, session_number()) else { return FoundBoard::Nothing };
         match self.ask(&mut remote) {
-            Ok(found @ Found::Known(_)) => {
+            Ok(found @ FoundBoard::Known(_)) => {
                 self.answered = Some(remote);
                 found
             }
@@ -228,7 +176,7 @@ impl LiveBoard<WithReference<Remote<Serial>>> for OnPort {
             }
             Err(_) => {
                 remote.close();
-                Found::Nothing
+                FoundBoard::Nothing
             }
         }
     }
@@ -264,15 +212,6 @@ impl LiveBoard<WithReference<Remote<Serial>>> for OnPort {
     }
 }
 
-/// Whether a run ended since the board cannot be reached any more.
-pub(super) fn is_unplugged(error: &DriveError) -> Option<&RemoteError> {
-    match error {
-        DriveError::Halted { why, .. } => is_unplugged(why),
-        DriveError::Remote(error @ (RemoteError::Port(_) | RemoteError::Link(_))) => Some(error),
-        _ => None,
-    }
-}
-
 /// The USB device at a port.
 fn usb_at(port: &str, list: &[Listed]) -> Option<Usb> {
     // A symbolic link to a port has another name.
@@ -300,9 +239,6 @@ fn find_again(port: &str, usb: Option<&Usb>, list: &[Listed], exists: impl Fn(&s
         (at_name.is_none() && exists(port) && usb_at(port, list).as_ref() == Some(usb)).then(|| port.to_owned())
     })
 }
-
-/// How often a board that is lost is looked for.
-pub(super) const LOOK_AGAIN: Duration = Duration::from_millis(300);
 
 #[cfg(test)]
 mod tests {

@@ -2,12 +2,12 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use expect_test::{Expect, expect};
 use proptest::prelude::*;
-use pulsetrain_session::control::{Command, Ended, MotorStatus};
+use pulsetrain_session::control::{Ended, MotorStatus};
 use rosc::OscTime;
 
 use super::*;
-use crate::control_socket::MotorInfo;
 use crate::live::KnobValue;
+use crate::live::MotorInfo;
 
 fn from(port: u16) -> SocketAddr {
     SocketAddr::from(([127, 0, 0, 1], port))
@@ -88,14 +88,9 @@ fn after(now: Now, seconds: f64) -> SystemTime {
     now.system + Duration::from_secs_f64(seconds)
 }
 
-fn status(at_s: f64, positions: [i64; 2]) -> Happened {
+fn status(at_s: f64, positions: [i64; 2]) -> RunEvent {
     let motor = |position| MotorStatus { position, target: Some(position as f64), speed: Some(0.0), queue: (0, 0) };
-    Happened::Session(Event::Status(Status {
-        at_s,
-        lease_s: None,
-        motors: positions.map(motor).to_vec(),
-        lateness: None,
-    }))
+    RunEvent::Status(Status { at_s, lease_s: None, motors: positions.map(motor).to_vec(), lateness: None })
 }
 
 /// What a message becomes: its requests as JSON, or the reply.
@@ -446,10 +441,10 @@ fn one_motor_alone_moves_from_where_it_stands() {
     translator.happened(&status(1.0, [40, 7]), Instant::now());
     let position = "-10 steps".to_owned();
     let requests = &translator.packet(&moves, from(5000), now()).groups[0].requests;
-    assert_eq!(*requests, [Request::Live(LiveCommand::Goto { position })]);
-    let Happened::Session(Event::Status(mut moving)) = status(2.0, [41, 7]) else { unreachable!("it is a status") };
+    assert_eq!(*requests, [RunCommand::Goto { position }]);
+    let RunEvent::Status(mut moving) = status(2.0, [41, 7]) else { unreachable!("it is a status") };
     moving.motors[0].speed = Some(3.0);
-    translator.happened(&Happened::Session(Event::Status(moving)), Instant::now());
+    translator.happened(&RunEvent::Status(moving), Instant::now());
     assert!(shown(&translator.packet(&moves, from(5000), now()).replies).contains("/move needs a motor at rest"));
 }
 
@@ -467,7 +462,7 @@ fn a_bundle_of_python_osc_is_one_group_at_its_time() {
         let mut translator = Translator::new(info.clone(), None);
         let translation = translator.packet(&packet, from(5000), now);
         let [group] = translation.groups.as_slice() else { panic!("{translation:?}") };
-        let set = |knob: &str, value| Request::Live(LiveCommand::Set { knob: knob.into(), value });
+        let set = |knob: &str, value| RunCommand::Set { knob: knob.into(), value };
         let amplitude = set("second.amplitude", KnobValue::Text("30 deg".into()));
         assert_eq!(group.requests, [set("wildness", KnobValue::Number(0.9)), amplitude]);
         let ahead = Duration::from_secs_f64(f64::max(ahead_s, 0.0));
@@ -496,7 +491,7 @@ fn the_sender_of_a_bundle_hears_that_it_acts_late() {
         let [Group { sender: Some(sender), .. }] = translation.groups.as_slice() else { panic!("{translation:?}") };
         translator.expect(9.0 + ahead_s, *sender);
     }
-    let late = |wanted_s: f64| Happened::Live(LiveEvent::Late { wanted_s, by_s: 0.25 });
+    let late = |wanted_s: f64| RunEvent::Late { wanted_s, by_s: 0.25 };
     assert_eq!(shown(&translator.happened(&late(9.03), now.instant)), "5000: /pulsetrain/late (f) 0.25\n");
     // Once; and there is no answer about a time that no bundle had.
     assert_eq!(translator.happened(&late(9.03), now.instant), []);
@@ -605,7 +600,7 @@ fn clients_hear_what_happens_where_they_listen() {
 
     let begin = Instant::now();
     let (from_s, until_s) = (1.0, 2.5);
-    let set = LiveEvent::Set {
+    let set = RunEvent::Set {
         knob: "second arm.law.a".into(),
         value: 3.5,
         unit: "deg".into(),
@@ -613,18 +608,18 @@ fn clients_hear_what_happens_where_they_listen() {
         from_s,
         until_s,
     };
-    let command = LiveCommand::Set { knob: "first.amplitude".into(), value: KnobValue::Number(3.0) };
+    let command = RunCommand::Set { knob: "first.amplitude".into(), value: KnobValue::Number(3.0) };
     let events = [
         (status(1.0, [40, 7]), 0),
         (status(1.05, [41, 7]), 50),
-        (Happened::Live(set), 60),
-        (Happened::Live(LiveEvent::Cue { name: "storm".into(), from_s, until_s: 3.0 }), 70),
+        (set, 60),
+        (RunEvent::Cue { name: "storm".into(), from_s, until_s: 3.0 }, 70),
         (status(2.6, [42, 7]), 100),
         (status(3.0, [43, 7]), 200),
-        (Happened::Session(Event::Tempo { rate: 0.5, from_s: 3.2, ceiling: None }), 210),
-        (Happened::Session(Event::Refused { command: Command::Resume, why: "it is not paused".into() }), 220),
-        (Happened::Live(LiveEvent::Refused { command, why: "no such parameter".into() }), 230),
-        (Happened::Session(Event::Ended(Ended { counted: vec![43, 7], stopped: true, uncertain: None })), 240),
+        (RunEvent::Tempo { rate: 0.5, from_s: 3.2, ceiling: None }, 210),
+        (RunEvent::Refused { command: RunCommand::Resume, why: "it is not paused".into() }, 220),
+        (RunEvent::Refused { command, why: "no such parameter".into() }, 230),
+        (RunEvent::Ended(Ended { counted: vec![43, 7], stopped: true, uncertain: None }), 240),
     ];
     let mut heard = String::new();
     for (event, ms) in events {
@@ -659,10 +654,10 @@ fn clients_hear_what_happens_where_they_listen() {
 fn clients_hear_that_a_motion_has_ended_and_begins_again() {
     let mut translator = Translator::new(info(), Some(9001));
     translator.packet(&bytes(&message("/setDestIp", vec![])), from(5000), now());
-    let mut heard = |event: LiveEvent| shown(&translator.happened(&Happened::Live(event), Instant::now()));
-    assert_eq!(heard(LiveEvent::MotionEnded { at_s: 9.0 }), "9001: /pulsetrain/state (s) ended\n");
-    assert_eq!(heard(LiveEvent::Began { from_s: 10.0, until_s: 10.1 }), "9001: /pulsetrain/state (s) running\n");
-    assert_eq!(heard(LiveEvent::AlreadyRuns), "9001: /pulsetrain/state (s) running\n");
+    let mut heard = |event: RunEvent| shown(&translator.happened(&event, Instant::now()));
+    assert_eq!(heard(RunEvent::MotionEnded { at_s: 9.0 }), "9001: /pulsetrain/state (s) ended\n");
+    assert_eq!(heard(RunEvent::Began { from_s: 10.0, until_s: 10.1 }), "9001: /pulsetrain/state (s) running\n");
+    assert_eq!(heard(RunEvent::AlreadyRuns), "9001: /pulsetrain/state (s) running\n");
 }
 
 /// A client that never asked to listen hears why its own command was refused, and nobody else's.
@@ -671,8 +666,8 @@ fn a_refusal_goes_to_who_asked() {
     let mut translator = Translator::new(info(), None);
     translator.packet(&bytes(&message("/go", vec![])), from(5000), now());
     translator.packet(&bytes(&message("/back", vec![])), from(6000), now());
-    let refused = LiveEvent::Refused { command: LiveCommand::Back, why: "this is the first cue".into() };
-    let replies = translator.happened(&Happened::Live(refused), Instant::now());
+    let refused = RunEvent::Refused { command: RunCommand::Back, why: "this is the first cue".into() };
+    let replies = translator.happened(&refused, Instant::now());
     assert_eq!(shown(&replies), "6000: /error/command (s) this is the first cue (i) 0\n");
 }
 
@@ -713,7 +708,7 @@ fn packets_beyond_the_limits_are_refused() {
         deep = bundle(tag, vec![deep]);
     }
     let fits = Translator::new(info(), None).packet(&bytes(&deep), from(5000), now());
-    assert_eq!(fits.groups[0].requests, [Request::Session(Command::Pause)]);
+    assert_eq!(fits.groups[0].requests, [RunCommand::Pause]);
     assert!(refusal(&bytes(&bundle(tag, vec![deep]))).contains("more than 16 bundles"));
     let long = message("/wildness", vec![text(&"x".repeat(LONGEST_PACKET))]);
     assert!(refusal(&bytes(&long)).contains("more than 4096 bytes"));
@@ -821,8 +816,8 @@ proptest! {
                 prop_assert!(*due >= now.instant && *due <= now.instant + FARTHEST_AHEAD);
                 for request in requests {
                     let is_sound = match request {
-                        Request::Session(Command::Tempo { rate: value })
-                        | Request::Live(LiveCommand::Set { value: KnobValue::Number(value), .. }) => value.is_finite(),
+                        RunCommand::Tempo { rate: value }
+                        | RunCommand::Set { value: KnobValue::Number(value), .. } => value.is_finite(),
                         _ => true,
                     };
                     prop_assert!(is_sound, "{request:?}");

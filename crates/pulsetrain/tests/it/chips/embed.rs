@@ -4,14 +4,23 @@
 #[allow(dead_code, reason = "the example's main, and its errors for real ports")]
 mod example;
 
+use pulsetrain::live::RunEvent;
 use pulsetrain_board::virtual_uno::VirtualUno;
 
 #[test]
-fn the_example_swings_and_stops() {
+fn the_example_swings_faster_when_its_knob_is_turned_and_stops() {
     let outcome = example::swing(VirtualUno::new()).unwrap();
-    // θ(1.3 s) = 200·(1 − cos(1.3 π)) steps. The stop then goes on downwards for some steps at most.
-    assert_eq!(outcome.when_told, 318);
-    assert!((280..318).contains(&outcome.at_rest), "{outcome:?}");
-    // Up to the top, 400 steps, and down again.
-    assert_eq!(outcome.pulses, 400 + (400 - outcome.at_rest) as u64);
+    assert!(outcome.rehearsal_passed);
+    let [RunEvent::Set { value, unit, ceiling, from_s, .. }, RunEvent::Stopping { at_s }, RunEvent::Ended(ended)] =
+        &outcome.events[..]
+    else {
+        panic!("{:?}", outcome.events);
+    };
+    assert_eq!((*value, unit.as_str(), ceiling), (2.0, "Hz", &None));
+    assert!((1.0..1.1).contains(from_s) && (3.0..3.1).contains(at_s), "{from_s} s, {at_s} s");
+    // The board counted what it made, and every edge of its pins was seen. A swing is 400 steps; at 0.5 Hz there would be 1.5 of them in 3 s, one way
+    // each.
+    assert_eq!(ended.counted, [outcome.counted]);
+    assert!(outcome.edges > 2 * 3 * 800, "{} edges", outcome.edges);
+    assert!((0..=400).contains(&outcome.counted), "{outcome:?}");
 }

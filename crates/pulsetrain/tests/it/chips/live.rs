@@ -1,7 +1,7 @@
 //! Live motions on the virtual Uno and Pico: the real firmware.
 
 use crate::live::{Stage, TEXT, one_change, staged, together};
-use pulsetrain::live::{Happened, LiveEvent, Show};
+use pulsetrain::live::{LiveRun, RunEvent};
 use pulsetrain_board::profiles::Role;
 use pulsetrain_board::{BoardKind, Edge, Port, PortError, VirtualBoard};
 use pulsetrain_core::wire::Baud;
@@ -17,10 +17,10 @@ fn kind() -> BoardKind {
 #[test]
 fn the_same_lines_make_the_same_edges() {
     let edges = |speed: &str| {
-        let (desk, mut prepared) = staged(TEXT);
+        let (setpoints, mut prepared) = staged(TEXT);
         prepared.over_line(None);
         let driven = Driven::on_virtual(kind(), &prepared, Baud::B1M).unwrap();
-        let mut stage = Stage::new(Show::new(driven, desk, true));
+        let mut stage = Stage::new(LiveRun::new(driven, setpoints, true));
         stage.run(0.4);
         assert!(stage.line(speed));
         stage.run(0.05);
@@ -29,7 +29,7 @@ fn the_same_lines_make_the_same_edges() {
         assert!(stage.line("go"));
         stage.run(2.5);
         stage.stop();
-        let live = stage.happened.iter().filter(|happened| matches!(happened, Happened::Live(_)));
+        let live = stage.happened.iter().filter(|event| !event.is_of_session());
         (stage.edges.clone(), live.count())
     };
     let (first, answers) = edges("speed 2 Hz");
@@ -43,10 +43,10 @@ fn the_same_lines_make_the_same_edges() {
 #[test]
 fn a_group_for_a_time_begins_at_its_tick() {
     let edges = || {
-        let (desk, mut prepared) = staged(TEXT);
+        let (setpoints, mut prepared) = staged(TEXT);
         prepared.over_line(None);
         let driven = Driven::on_virtual(kind(), &prepared, Baud::B1M).unwrap();
-        let mut stage = Stage::new(Show::new(driven, desk, true));
+        let mut stage = Stage::new(LiveRun::new(driven, setpoints, true));
         stage.run(0.4);
         stage.ask(together(&["a.swing 20 step", "b.frequency 1.5 Hz", "tempo 0.8"], Some(0.7)));
         let (from_s, ..) = one_change(&mut stage, 2);
@@ -96,22 +96,22 @@ impl Port for Sleepy {
 #[test]
 fn motors_join_the_motion_again_after_the_host_was_too_slow() {
     let asleep = Arc::new(Mutex::new(Duration::ZERO));
-    let (desk, mut prepared) = staged(TEXT);
+    let (setpoints, mut prepared) = staged(TEXT);
     prepared.over_line(None);
     let port = Sleepy { board: kind().virtual_board(Role::Plans).unwrap(), asleep: Arc::clone(&asleep) };
     let driven = Driven::with(&prepared, |program| connect_as(port, program, Baud::B1M, 1)).unwrap();
-    let mut stage = Stage::new(Show::new(driven, desk, true));
+    let mut stage = Stage::new(LiveRun::new(driven, setpoints, true));
     for times in 1..=2 {
         stage.run(1.3);
         *asleep.lock().unwrap() = Duration::from_millis(900);
         match stage.answer() {
-            LiveEvent::Rejoined { from_s, until_s, times: told } => {
+            RunEvent::Rejoined { from_s, until_s, times: told } => {
                 assert!(told == times && from_s < until_s, "{told}: {from_s} to {until_s}");
             }
             other => panic!("{other:?}"),
         }
         assert!(stage.line("a.swing 30 step"));
-        assert!(matches!(stage.answer(), LiveEvent::Set { .. }));
+        assert!(matches!(stage.answer(), RunEvent::Set { .. }));
     }
     stage.run(2.0);
     // The board's counts are those of the host, or this is an error.
@@ -122,17 +122,17 @@ fn motors_join_the_motion_again_after_the_host_was_too_slow() {
 #[test]
 fn a_stop_ends_the_motion_although_the_host_was_too_slow() {
     let asleep = Arc::new(Mutex::new(Duration::ZERO));
-    let (desk, mut prepared) = staged(TEXT);
+    let (setpoints, mut prepared) = staged(TEXT);
     prepared.over_line(None);
     let port = Sleepy { board: kind().virtual_board(Role::Plans).unwrap(), asleep: Arc::clone(&asleep) };
     let driven = Driven::with(&prepared, |program| connect_as(port, program, Baud::B1M, 1)).unwrap();
-    let mut stage = Stage::new(Show::new(driven, desk, true));
+    let mut stage = Stage::new(LiveRun::new(driven, setpoints, true));
     stage.run(1.3);
     *asleep.lock().unwrap() = Duration::from_millis(900);
     stage.ask(together(&["a.swing 20 step", "stop"], None));
-    assert!(matches!(stage.answer(), LiveEvent::Refused { .. }));
+    assert!(matches!(stage.answer(), RunEvent::Refused { .. }));
     stage.run(10.0);
-    let joined = |happened: &Happened| matches!(happened, Happened::Live(LiveEvent::Rejoined { .. }));
+    let joined = |happened: &RunEvent| matches!(happened, RunEvent::Rejoined { .. });
     assert!(stage.ended.is_some() && !stage.happened.iter().any(joined));
 }
 

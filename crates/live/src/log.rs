@@ -1,18 +1,21 @@
 //! What was asked of a live motion and what was done, as lines of JSON, and the same once more.
 //!
-//! The first line says what runs. Then come lines with the board's tick: `asked` is a [`Request`], `done` a [`Happened`]. On a virtual board
-//! the same requests at the same ticks make the same edges.
+//! The first line says what runs. Then come lines with the board's tick: `asked` is a [`Batch`], `done` a [`RunEvent`]. On a virtual board
+//! the same commands at the same ticks make the same edges.
 
 use std::collections::BTreeMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::io::{self, BufRead};
 use std::path::PathBuf;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use serde::{Deserialize, Serialize};
 
-use super::desk::FileTexts;
-use crate::control_socket::{Happened, Request};
-use crate::files::inputs::{InputLine, MAX_LOG_LINE_BYTES, next_line};
+use crate::input_line::{InputLine, next_line};
+use crate::setpoints::FileTexts;
+use crate::{Batch, RunEvent};
+
+/// The longest line of a log, bytes: one with a motion file and the tables that it names.
+pub const MAX_LOG_LINE_BYTES: u64 = 200_000_000;
 
 const _: () = assert!(MAX_LOG_LINE_BYTES == 200_000_000, "the message says so");
 
@@ -55,7 +58,7 @@ pub struct LogLine {
     /// The same from the begin of the motion, s.
     #[serde(default)]
     pub at_s: f64,
-    /// This computer's clock: seconds since 1970 in UTC. A replay does not look at it.
+    /// The clock of the computer that wrote it: seconds since 1970 in UTC. A replay does not look at it.
     #[serde(default)]
     pub unix_s: f64,
     /// What it says.
@@ -63,27 +66,26 @@ pub struct LogLine {
     pub entry: LogEntry,
 }
 
-impl LogLine {
-    /// A line that is written now; `at_s` is the tick's time from the begin of the motion.
-    #[must_use]
-    pub fn now(tick: u64, at_s: f64, entry: LogEntry) -> LogLine {
-        let unix_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64());
-        LogLine { tick, at_s, unix_s, entry }
-    }
-}
-
 /// What a line says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LogEntry {
     /// Somebody asked for something.
-    Asked(Request),
+    Asked(Batch),
     /// Something happened.
-    Done(Happened),
+    Done(RunEvent),
     /// Files that a changed motion file names.
     Files(FileTexts),
     /// The log ends here: the motion is over.
     Over,
+}
+
+/// A number that differs for texts that differ.
+#[must_use]
+pub fn text_hash(text: &str) -> u64 {
+    let mut hasher = DefaultHasher::new();
+    text.hash(&mut hasher);
+    hasher.finish()
 }
 
 /// A log that was read.
@@ -154,8 +156,7 @@ impl Replay {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::{KnobValue, LiveCommand};
-    use pulsetrain_session::control::{Command, Event};
+    use crate::{KnobValue, RunCommand};
 
     #[test]
     fn logs_are_read_as_they_are_written() {
@@ -173,12 +174,12 @@ mod tests {
             rests_at: None,
         };
         let value = KnobValue::Text("0.9 Hz".to_owned());
-        let asked = |request| LogEntry::Asked(request);
-        let turned = Request::Live(LiveCommand::Set { knob: "a".to_owned(), value });
+        let asked = |command: RunCommand| LogEntry::Asked(command.into());
+        let turned = RunCommand::Set { knob: "a".to_owned(), value };
         let entries = [
             (7, asked(turned)),
-            (7, asked(Request::Session(Command::Tempo { rate: 0.1 + 0.2 }))),
-            (8, LogEntry::Done(Happened::Session(Event::Stopping { at_s: 1.0 / 3.0 }))),
+            (7, asked(RunCommand::Tempo { rate: 0.1 + 0.2 })),
+            (8, LogEntry::Done(RunEvent::Stopping { at_s: 1.0 / 3.0 })),
             (9, LogEntry::Over),
         ];
         let lines =

@@ -16,7 +16,7 @@ pub(super) struct Nearest {
 /// The nearest value is found to such a part of itself, or of the way to the wanted one if that is less.
 const PART: f64 = 1e-3;
 /// Values that are tried, at most. Each takes a step of the board's time.
-pub(super) const MOST_VALUES: u32 = 24;
+pub(super) const MAX_VALUES: u32 = 24;
 /// What is smaller than this part of 1, or of the value that is not allowed, counts as 0.
 const SMALL: f64 = 1e-3;
 
@@ -35,7 +35,7 @@ impl Nearest {
     pub(super) fn next(&mut self) -> Option<f64> {
         let left = (self.breaks - self.holds).abs();
         let is_found = left <= PART * self.breaks.abs().min(self.width);
-        if is_found || self.tries == MOST_VALUES {
+        if is_found || self.tries == MAX_VALUES {
             return None;
         }
         self.tries += 1;
@@ -139,7 +139,7 @@ mod tests {
             let at = bits(from) + ((bits(to) - bits(from)) as f64 * part) as i128;
             let limit = f64::from_bits(at.unsigned_abs() as u64) * if at < 0 { -1.0 } else { 1.0 };
             let (value, tries) = found(from, to, limit);
-            prop_assert!(tries <= MOST_VALUES);
+            prop_assert!(tries <= MAX_VALUES);
             let is_allowed = value == from || if to > from { value <= limit } else { value >= limit };
             prop_assert!(is_allowed, "{from} to {to}: {value} is beyond {limit}");
             if limit.abs() > 1e-3 {

@@ -1,14 +1,13 @@
 //! When a live motion runs: `[live.schedule]`, and the cues with times of day.
 //!
-//! A look at the clock says what should be so now. What differs from the look before becomes requests. Nothing is counted down, so that a clock that is
+//! A look at the clock says what should be so now. What differs from the look before becomes commands. Nothing is counted down, so that a clock that is
 //! set, a computer that slept, and the hours of daylight saving need no care of their own: the next look finds what should be so then.
 
 use jiff::civil::{Date, Weekday, time};
 use jiff::{SignedDuration, ZonedDateTime};
 use pulsetrain_motion::file::{Live, Period, RestPlace, TimeOfDay};
-use pulsetrain_session::control::Command;
 
-use super::{LiveCommand, Request};
+use crate::RunCommand;
 
 /// What should be so at a time.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,46 +72,42 @@ impl Scheduler {
     }
 
     /// What is to be done at that time.
-    pub fn look(&mut self, now: &ZonedDateTime) -> Vec<Request> {
+    pub fn look(&mut self, now: &ZonedDateTime) -> Vec<RunCommand> {
         let now = match self.latest.take() {
             Some(latest) if *now < latest && latest.duration_since(now) < SMALL_STEP => latest,
             _ => now.clone(),
         };
         let wanted = self.wanted(&now);
-        let mut requests = Vec::new();
+        let mut commands = Vec::new();
         let is_first = self.known.is_none();
         let (was_on, had) = match self.known.take() {
             Some(known) => (known.is_time, known.cue),
             // The schedule allows the motion now: it begins without an order.
             None => (wanted.is_time, None),
         };
-        let live = |command| Request::Live(command);
         match (was_on, wanted.is_time) {
-            (false, true) => requests.push(match self.rest {
-                RestPlace::AtStart => live(LiveCommand::Begin),
-                RestPlace::InPlace => Request::Session(Command::Resume),
+            (false, true) => commands.push(match self.rest {
+                RestPlace::AtStart => RunCommand::Begin,
+                RestPlace::InPlace => RunCommand::Resume,
             }),
             (true, false) => {
                 self.rest = self.rest_of(&now);
-                requests.push(self.rest_request(&now));
+                commands.push(self.rest_command(&now));
             }
-            (false, false) if is_first => requests.push(self.rest_request(&now)),
+            (false, false) if is_first => commands.push(self.rest_command(&now)),
             _ => {}
         }
         if let Some((_, name)) = &wanted.cue
             && wanted.cue != had
         {
-            requests.push(live(LiveCommand::Cue { name: name.clone() }));
+            commands.push(RunCommand::Cue { name: name.clone() });
         }
         (self.known, self.latest) = (Some(wanted), Some(now));
-        requests
+        commands
     }
 
-    fn rest_request(&self, now: &ZonedDateTime) -> Request {
-        Request::Live(LiveCommand::Rest {
-            in_place: self.rest == RestPlace::InPlace,
-            until: self.next_start(now).unwrap_or_default(),
-        })
+    fn rest_command(&self, now: &ZonedDateTime) -> RunCommand {
+        RunCommand::Rest { in_place: self.rest == RestPlace::InPlace, until: self.next_start(now).unwrap_or_default() }
     }
 
     /// Where the motors rest after the period that ended last.
@@ -169,16 +164,15 @@ fn bounds(period: &Period, date: Date, like: &ZonedDateTime) -> Option<(ZonedDat
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::Desk;
+    use crate::{LiveSetpoints, NamedFiles};
     use jiff::Timestamp;
     use jiff::civil::DateTime;
     use jiff::tz::TimeZone;
-    use std::path::PathBuf;
 
     /// A scheduler of a motion file with these lines at its end.
     fn scheduler(lines: &str) -> Scheduler {
         let text = format!("{}\n{lines}", pulsetrain_motion::template::motion_file("wheel"));
-        let opened = Desk::of(&text, "m.toml", PathBuf::new(), None, Some(Default::default()));
+        let opened = LiveSetpoints::of(&text, "m.toml", None, NamedFiles::none());
         Scheduler::new(&opened.map_err(|error| error.plain()).unwrap().1.live)
     }
 
@@ -193,14 +187,14 @@ mod tests {
 
     /// What is asked for at a time, in short.
     fn asked(scheduler: &mut Scheduler, now: &str) -> String {
-        let requests = scheduler.look(&at(now));
-        let words = requests.iter().map(|request| match request {
-            Request::Live(LiveCommand::Begin) => "begin".to_owned(),
-            Request::Live(LiveCommand::Rest { in_place, until }) => {
+        let commands = scheduler.look(&at(now));
+        let words = commands.iter().map(|request| match request {
+            RunCommand::Begin => "begin".to_owned(),
+            RunCommand::Rest { in_place, until } => {
                 format!("rest{} until {until}", if *in_place { " in place" } else { "" })
             }
-            Request::Live(LiveCommand::Cue { name }) => format!("cue {name}"),
-            Request::Session(Command::Resume) => "resume".to_owned(),
+            RunCommand::Cue { name } => format!("cue {name}"),
+            RunCommand::Resume => "resume".to_owned(),
             other => format!("{other:?}"),
         });
         words.collect::<Vec<_>>().join(", ")
@@ -335,7 +329,7 @@ mod tests {
     fn wrong_schedules_are_errors_of_the_file() {
         let check = |lines: &str, part: &str| {
             let text = format!("{}\n{lines}", pulsetrain_motion::template::motion_file("wheel"));
-            let error = Desk::of(&text, "m.toml", PathBuf::new(), None, None).unwrap_err().plain();
+            let error = LiveSetpoints::of(&text, "m.toml", None, NamedFiles::none()).unwrap_err().plain();
             assert!(error.contains(part), "{lines}: {error}");
         };
         check("[live.schedule]\nstart = \"10:00\"\n", "`stop`");

@@ -7,17 +7,17 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fs::Metadata;
-use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::{Path, PathBuf};
 
 use pulsetrain_motion::file::{MOST_OF_A_NAMED_FILE, Sheet};
 
-use super::desk::FileTexts;
 use crate::files::inputs;
+use crate::live::FileTexts;
+use crate::live::log::text_hash;
 
 /// A file that is looked at again and again.
 #[derive(Clone, Debug)]
-pub struct Watched {
+pub(super) struct Watched {
     path: PathBuf,
     /// What was taken over, or refused, last: its text's hash.
     known: u64,
@@ -28,7 +28,7 @@ pub struct Watched {
 }
 
 /// How often the files are looked at, ms.
-pub const LOOK_MS: u64 = 200;
+pub(super) const LOOK_MS: u64 = 200;
 
 /// A file of more bytes is not read at each look.
 const LARGE: u64 = 1 << 20;
@@ -37,14 +37,13 @@ const LOOKS: u32 = 50;
 
 impl Watched {
     /// Watches a file with a known text.
-    #[must_use]
-    pub fn new(path: &Path, known: &str) -> Watched {
-        Watched { path: path.to_owned(), known: hash(known), fresh: None, read: None }
+    pub(super) fn new(path: &Path, known: &str) -> Watched {
+        Watched { path: path.to_owned(), known: text_hash(known), fresh: None, read: None }
     }
 
     /// Looks at the file: its text, if that has changed and stayed the same since the look before. A file that is gone, empty or unreadable is no
     /// change.
-    pub fn look(&mut self) -> Option<String> {
+    pub(super) fn look(&mut self) -> Option<String> {
         let Ok(said) = std::fs::metadata(&self.path) else { return self.see(None) };
         if let Some((before, looks)) = &mut self.read
             && *looks < LOOKS
@@ -61,28 +60,21 @@ impl Watched {
     }
 
     fn see(&mut self, text: Option<String>) -> Option<String> {
-        let text = text.filter(|text| !text.trim().is_empty() && hash(text) != self.known);
+        let text = text.filter(|text| !text.trim().is_empty() && text_hash(text) != self.known);
         let is_settled = text.is_some() && text == self.fresh;
         self.fresh = text;
         if !is_settled {
             return None;
         }
         let text = self.fresh.take()?;
-        self.known = hash(&text);
+        self.known = text_hash(&text);
         Some(text)
     }
 }
 
-/// A number that differs for texts that differ.
-pub(crate) fn hash(text: &str) -> u64 {
-    let mut hasher = DefaultHasher::new();
-    text.hash(&mut hasher);
-    hasher.finish()
-}
-
 /// A motion file with the files that it names.
 #[derive(Clone, Debug)]
-pub struct WatchedFiles {
+pub(super) struct WatchedFiles {
     folder: PathBuf,
     motion: Watched,
     /// The motion file's text, as it was seen whole last.
@@ -94,8 +86,7 @@ pub struct WatchedFiles {
 
 impl WatchedFiles {
     /// Watches a motion file with a known text.
-    #[must_use]
-    pub fn new(path: &Path, known: &str) -> WatchedFiles {
+    pub(super) fn new(path: &Path, known: &str) -> WatchedFiles {
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let motion = Watched::new(path, known);
         WatchedFiles { folder, motion, text: known.to_owned(), named: BTreeMap::new(), changed: FileTexts::new() }
@@ -120,7 +111,7 @@ impl WatchedFiles {
 
     /// Looks at all of them. `in_force` are the named files as the motion has them. If one has changed: the motion file's text, and the named files that
     /// differ from those in force.
-    pub fn look(&mut self, in_force: &FileTexts) -> Option<(String, FileTexts)> {
+    pub(super) fn look(&mut self, in_force: &FileTexts) -> Option<(String, FileTexts)> {
         let mut has_changed = false;
         if let Some(text) = self.motion.look() {
             self.read_named(&text, in_force);

@@ -1,9 +1,8 @@
 //! Stands in where there are no Unix sockets: runs obey Ctrl-C and their page.
 
-use pulsetrain_session::control::Command;
-
+use super::SocketError;
 use super::hub::Hub;
-use super::{RunInfo, RunLine, SocketError};
+use crate::live::{RunCommand, RunInfo, RunLine};
 
 /// No socket.
 #[derive(Debug)]
@@ -31,7 +30,7 @@ impl NoClient {
     ///
     /// # Errors
     /// Never: there is no run.
-    pub fn command(&mut self, _: Command) -> Result<(), SocketError> {
+    pub fn command(&mut self, _: &RunCommand) -> Result<(), SocketError> {
         match *self {}
     }
 

@@ -8,25 +8,43 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use pulsetrain_motion::file::{Contents, Cue, FileError, Live, MOST_OF_A_NAMED_FILE, ParameterValue, Sheet, Source};
+use pulsetrain_motion::file::{Contents, Cue, FileError, Live, ParameterValue, Sheet, Source};
 use pulsetrain_motion::program::{PositionUnits, Program};
 use pulsetrain_motion::quantity::{Quantity, nearest};
 use pulsetrain_motion::{Law, Time};
 use pulsetrain_session::prepare::Prepared;
 
-use crate::control_socket::{KnobInfo, KnobValue};
-use crate::files::inputs;
+use crate::{KnobInfo, KnobValue};
 use pulsetrain_report::positions::{START, check_range, example_position, start};
 
 /// The files that a motion file names, by the names that it gives them.
 pub type FileTexts = BTreeMap<PathBuf, String>;
 
+/// Reads a file by the name that a motion file gives it.
+pub type FileLoader = dyn Fn(&Path) -> io::Result<String> + Send + Sync;
+
+/// The files that a motion file may name.
+#[derive(Clone)]
+pub enum NamedFiles {
+    /// These, and no others.
+    Only(FileTexts),
+    /// What this function reads. It is called once for each file.
+    LoadedBy(Arc<FileLoader>),
+}
+
+impl NamedFiles {
+    /// No file.
+    #[must_use]
+    pub fn none() -> NamedFiles {
+        NamedFiles::Only(FileTexts::new())
+    }
+}
+
 /// The motion as it is wanted.
 #[derive(Clone, Debug)]
-pub struct Desk {
+pub struct LiveSetpoints {
     /// What messages call the file.
     name: String,
-    folder: PathBuf,
     board: Option<String>,
     files: Arc<FileCache>,
     /// The file as it was read last.
@@ -40,7 +58,7 @@ pub struct Desk {
     setup: Arc<Program>,
     /// Where each motor's motion begins, steps: `goto 0`.
     home: Arc<Vec<f64>>,
-    /// The program that was made last, by this desk or one that it was copied from: a knob is checked first, and turned then.
+    /// The program that was made last, by these setpoints or some that they were copied from: a knob is checked first, and turned then.
     made: Arc<Mutex<Option<BuiltProgram>>>,
 }
 
@@ -55,11 +73,16 @@ struct BuiltProgram {
 }
 
 /// The files that were read, so that a knob does not read a large table again.
-#[derive(Debug, Default)]
 struct FileCache {
     read: Mutex<FileTexts>,
-    /// Whether only the given files are there.
-    is_closed: bool,
+    /// `None`: only the given files are there.
+    loader: Option<Arc<FileLoader>>,
+}
+
+impl std::fmt::Debug for FileCache {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("FileCache").field("read", &self.read).finish_non_exhaustive()
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -71,7 +94,7 @@ struct CueTaken {
 
 /// A knob that is turned.
 #[derive(Clone, Debug)]
-pub struct Turn {
+pub struct KnobMove {
     /// The knob's name, as it was asked for.
     pub knob: String,
     /// The parameter that it sets.
@@ -124,45 +147,34 @@ pub enum ChangeRefusal {
     Setup(String),
 }
 
-impl Desk {
-    /// Reads a motion file. `board` replaces the file's own.
-    ///
-    /// # Errors
-    /// If the file is wrong.
-    pub fn open(path: &Path, board: Option<&str>) -> Result<(Desk, Contents), FileError> {
-        let sheet = Sheet::open(path, &inputs::text)?;
-        let (name, text) = (sheet.source().name(), sheet.source().text());
-        Desk::of(text, name, path.parent().unwrap_or(Path::new("")).to_owned(), board, None)
-    }
-
-    /// A motion file's text. With `files` no others are read.
+impl LiveSetpoints {
+    /// The setpoints of a motion file's text, which messages call `name`. `board` replaces the file's own.
     ///
     /// # Errors
     /// If the text is wrong.
     pub fn of(
         text: &str,
         name: &str,
-        folder: PathBuf,
         board: Option<&str>,
-        files: Option<FileTexts>,
-    ) -> Result<(Desk, Contents), FileError> {
-        let is_closed = files.is_some();
-        let cache = FileCache { read: Mutex::new(files.unwrap_or_default()), is_closed };
-        Desk::with_cache(text, name, folder, board, cache)
+        files: NamedFiles,
+    ) -> Result<(LiveSetpoints, Contents), FileError> {
+        let cache = match files {
+            NamedFiles::Only(texts) => FileCache { read: Mutex::new(texts), loader: None },
+            NamedFiles::LoadedBy(loader) => FileCache { read: Mutex::default(), loader: Some(loader) },
+        };
+        LiveSetpoints::with_cache(text, name, board, cache)
     }
 
     fn with_cache(
         text: &str,
         name: &str,
-        folder: PathBuf,
         board: Option<&str>,
         cache: FileCache,
-    ) -> Result<(Desk, Contents), FileError> {
+    ) -> Result<(LiveSetpoints, Contents), FileError> {
         let sheet = Sheet::parse(text, name)?;
-        let contents = sheet.contents(&|named| cache.load(&folder, named))?;
-        let desk = Desk {
+        let contents = sheet.contents(&|named| cache.load(named))?;
+        let setpoints = LiveSetpoints {
             name: name.to_owned(),
-            folder,
             board: board.map(str::to_owned),
             files: Arc::new(cache),
             live: contents.live.clone(),
@@ -174,7 +186,7 @@ impl Desk {
             home: Arc::new(contents.program.motors.iter().map(start).collect()),
             made: Arc::default(),
         };
-        Ok((desk, contents))
+        Ok((setpoints, contents))
     }
 
     /// Notes what the motors were set up for.
@@ -200,10 +212,10 @@ impl Desk {
         &self.home
     }
 
-    /// The desk with the file's own values: no cue, and no turned knobs. A motion that starts again from time 0 follows it.
+    /// The setpoints with the file's own values: no cue, and no turned knobs. A motion that starts again from time 0 follows it.
     #[must_use]
-    pub fn restarted(&self) -> Desk {
-        Desk { cue: None, turned: BTreeMap::new(), ..self.clone() }
+    pub fn restarted(&self) -> LiveSetpoints {
+        LiveSetpoints { cue: None, turned: BTreeMap::new(), ..self.clone() }
     }
 
     /// The motors at rest at these positions, steps.
@@ -335,7 +347,7 @@ impl Desk {
 
     /// Reads the file with the cue and the turned knobs in it.
     fn read(&self) -> Result<Arc<Program>, ChangeRefusal> {
-        let contents = self.sheet().contents(&|named| self.files.load(&self.folder, named)).map_err(|error| {
+        let contents = self.sheet().contents(&|named| self.files.load(named)).map_err(|error| {
             let advice = error.problems()[0].advice().map(|advice| format!(" ({advice})"));
             ChangeRefusal::File(format!("{error}{}", advice.unwrap_or_default()))
         })?;
@@ -382,7 +394,7 @@ impl Desk {
     ///
     /// # Errors
     /// If there is no such knob, or the value is none of its kind.
-    pub fn turn(&self, name: &str, value: &KnobValue) -> Result<Turn, ChangeRefusal> {
+    pub fn knob_move(&self, name: &str, value: &KnobValue) -> Result<KnobMove, ChangeRefusal> {
         let knob = self.live.knobs.iter().find(|knob| knob.name == name);
         let sheet = self.sheet();
         let target = knob.map_or(name, |knob| &knob.target);
@@ -423,33 +435,43 @@ impl Desk {
         }
         let is_bare = unit.is_empty();
         let over = knob.and_then(|knob| knob.smoothing);
-        Ok(Turn { knob: name.to_owned(), target: target.to_owned(), from, to, unit, is_whole, is_bare, over, range })
+        Ok(KnobMove {
+            knob: name.to_owned(),
+            target: target.to_owned(),
+            from,
+            to,
+            unit,
+            is_whole,
+            is_bare,
+            over,
+            range,
+        })
     }
 
     /// Whether a whole number in the file may become one with a fraction: a formula's constant may, a number of cycles not.
     fn takes_fractions(&self, sheet: &Sheet, target: &str) -> bool {
         let half = sheet.with(target, &ParameterValue::Number(0.5));
-        half.is_ok_and(|sheet| sheet.contents(&|named| self.files.load(&self.folder, named)).is_ok())
+        half.is_ok_and(|sheet| sheet.contents(&|named| self.files.load(named)).is_ok())
     }
 
-    /// The desk with a knob at some value, in the knob's unit.
+    /// The setpoints with a knob at some value, in the knob's unit.
     #[must_use]
-    pub fn turned(&self, turn: &Turn, value: f64) -> Desk {
-        let mut desk = self.clone();
-        let value = match (turn.is_whole, turn.is_bare) {
+    pub fn with_knob(&self, knob_move: &KnobMove, value: f64) -> LiveSetpoints {
+        let mut setpoints = self.clone();
+        let value = match (knob_move.is_whole, knob_move.is_bare) {
             (true, _) => ParameterValue::Whole(value.round() as i64),
             (false, true) => ParameterValue::Number(value),
-            (false, false) => ParameterValue::Quantity(format!("{value} {}", turn.unit)),
+            (false, false) => ParameterValue::Quantity(format!("{value} {}", knob_move.unit)),
         };
-        desk.turned.insert(turn.target.clone(), value);
-        desk
+        setpoints.turned.insert(knob_move.target.clone(), value);
+        setpoints
     }
 
     /// A step of a knob's motor in the knob's unit; `None` if it sets no position.
     #[must_use]
-    pub fn step_in_unit(&self, turn: &Turn) -> Option<f64> {
-        let one = Quantity::parse(&format!("1 {}", turn.unit)).ok()?;
-        let owner = turn.target.split('.').next()?;
+    pub fn step_in_unit(&self, knob_move: &KnobMove) -> Option<f64> {
+        let one = Quantity::parse(&format!("1 {}", knob_move.unit)).ok()?;
+        let owner = knob_move.target.split('.').next()?;
         let motor = self.setup.motors.iter().position(|motor| motor.name == owner)?;
         let steps = one.value * self.units.get(motor)?.steps(one.base)?;
         (one.base.is_position() && one.per_seconds == 0).then(|| 1.0 / steps)
@@ -506,11 +528,11 @@ impl Desk {
         same.then(|| quantity.value * steps / (one.value * of_one))
     }
 
-    /// The desk at a cue, which begins at `now` of the laws' time, and how long the change takes, at least.
+    /// The setpoints at a cue, which begins at `now` of the laws' time, and how long the change takes, at least.
     ///
     /// # Errors
     /// If there is no such cue.
-    pub fn at_cue(&self, name: &str, now: Time) -> Result<(Desk, Cue), ChangeRefusal> {
+    pub fn at_cue(&self, name: &str, now: Time) -> Result<(LiveSetpoints, Cue), ChangeRefusal> {
         let number = self.live.cues.iter().position(|cue| cue.name == name).ok_or_else(|| {
             let meant = nearest(name, self.live.cues.iter().map(|cue| cue.name.as_str())).map(str::to_owned);
             ChangeRefusal::NoCue { cue: name.to_owned(), meant }
@@ -524,11 +546,11 @@ impl Desk {
         self.live.cues.last().is_some_and(|last| last.name != cue.name)
     }
 
-    /// The desk at the next cue, or at the one before this one.
+    /// The setpoints at the next cue, or at the one before this one.
     ///
     /// # Errors
     /// If there is none.
-    pub fn at_other_cue(&self, is_next: bool, now: Time) -> Result<(Desk, Cue), ChangeRefusal> {
+    pub fn at_other_cue(&self, is_next: bool, now: Time) -> Result<(LiveSetpoints, Cue), ChangeRefusal> {
         let number = match (self.cue, is_next) {
             _ if self.live.cues.is_empty() => return Err(ChangeRefusal::NoOtherCue("the motion file has no cues")),
             (None, true) => 0,
@@ -540,17 +562,19 @@ impl Desk {
         Ok(self.at(number, now))
     }
 
-    fn at(&self, number: usize, now: Time) -> (Desk, Cue) {
+    fn at(&self, number: usize, now: Time) -> (LiveSetpoints, Cue) {
         let cue = &self.live.cues[number];
-        let mut desk = self.clone();
+        let mut setpoints = self.clone();
         // The motions of the cue before are gone with it, and so are values in motions that this cue replaces.
         let before = self.cue.map(|before| self.live.cues[before.number].motors.clone()).unwrap_or_default();
         let own: Vec<String> =
             cue.motors.iter().chain(&before).map(|motor| self.setup.motors[*motor].name.clone()).collect();
-        desk.turned.retain(|name, _| name.split('.').next().is_none_or(|motor| !own.iter().any(|own| own == motor)));
-        desk.cue = Some(CueTaken { number, begins: (cue.begins_now && !cue.motors.is_empty()).then_some(now) });
-        desk.turned.extend(cue.set.iter().cloned());
-        (desk, cue.clone())
+        setpoints
+            .turned
+            .retain(|name, _| name.split('.').next().is_none_or(|motor| !own.iter().any(|own| own == motor)));
+        setpoints.cue = Some(CueTaken { number, begins: (cue.begins_now && !cue.motors.is_empty()).then_some(now) });
+        setpoints.turned.extend(cue.set.iter().cloned());
+        (setpoints, cue.clone())
     }
 
     /// Takes a changed motion file over, with changed files that it names. Other files stay as they were read last. A turned knob keeps its value, unless the file has a new one for it. The present cue
@@ -558,25 +582,25 @@ impl Desk {
     ///
     /// # Errors
     /// The file's problems, or [`ChangeRefusal`] if it changes wiring, drivers or the board.
-    pub fn with_file(&self, text: &str, files: &FileTexts) -> Result<Desk, Box<NoMotion>> {
+    pub fn with_file(&self, text: &str, files: &FileTexts) -> Result<LiveSetpoints, Box<NoMotion>> {
         let mut known = self.files();
         known.extend(files.clone());
         // A text may come from a page or over a socket: it names what this motion has read, or what came with it, and reads nothing else of this
         // computer. Whoever watches the file on the disk sends what it names with it.
-        let cache = FileCache { read: Mutex::new(known), is_closed: true };
-        let read = Desk::with_cache(text, &self.name, self.folder.clone(), self.board.as_deref(), cache);
-        let (mut desk, contents) = read.map_err(|error| Box::new(NoMotion::File(error)))?;
+        let cache = FileCache { read: Mutex::new(known), loader: None };
+        let read = LiveSetpoints::with_cache(text, &self.name, self.board.as_deref(), cache);
+        let (mut setpoints, contents) = read.map_err(|error| Box::new(NoMotion::File(error)))?;
         let prepared = Prepared::new(self.name.clone(), contents, self.board.as_deref());
         let program =
             prepared.map_err(|error| Box::new(NoMotion::Other(ChangeRefusal::File(error.to_string()))))?.program;
         check_setup(&self.setup, &program).map_err(|error| Box::new(NoMotion::Other(error)))?;
-        (desk.setup, desk.home) = (Arc::clone(&self.setup), Arc::clone(&self.home));
-        desk.cue = self.cue.and_then(|taken| {
+        (setpoints.setup, setpoints.home) = (Arc::clone(&self.setup), Arc::clone(&self.home));
+        setpoints.cue = self.cue.and_then(|taken| {
             let name = &self.live.cues[taken.number].name;
-            let number = desk.live.cues.iter().position(|cue| cue.name == *name)?;
+            let number = setpoints.live.cues.iter().position(|cue| cue.name == *name)?;
             Some(CueTaken { number, ..taken })
         });
-        let (old, new) = (self.sheet.parameters(), desk.sheet().parameters());
+        let (old, new) = (self.sheet.parameters(), setpoints.sheet().parameters());
         let value = |of: &[pulsetrain_motion::file::SheetParameter], name: &str| {
             of.iter().find(|parameter| parameter.name == name).map(|parameter| parameter.value.clone())
         };
@@ -584,10 +608,10 @@ impl Desk {
             let Some(in_new) = value(&new, name) else { continue };
             let is_kept = value(&old, name).is_none_or(|in_old| in_old == in_new);
             if is_kept {
-                desk.turned.insert(name.clone(), turned.clone());
+                setpoints.turned.insert(name.clone(), turned.clone());
             }
         }
-        Ok(desk)
+        Ok(setpoints)
     }
 
     /// The motors at rest at a position: with its unit, or `0`, where the motion began.
@@ -630,14 +654,14 @@ impl FileCache {
         self.read.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn load(&self, folder: &Path, named: &Path) -> io::Result<String> {
+    fn load(&self, named: &Path) -> io::Result<String> {
         if let Some(text) = self.lock().get(named) {
             return Ok(text.clone());
         }
-        if self.is_closed {
+        let Some(loader) = &self.loader else {
             return Err(io::Error::other("a motion that is sent names only files that the motion named before"));
-        }
-        let text = inputs::text(&folder.join(named), MOST_OF_A_NAMED_FILE)?;
+        };
+        let text = loader(named)?;
         self.lock().insert(named.to_owned(), text.clone());
         Ok(text)
     }
@@ -646,7 +670,7 @@ impl FileCache {
 /// A position of a motor, steps.
 fn position(text: &str, motor: &str, example: &str, units: &PositionUnits) -> Result<f64, ChangeRefusal> {
     /// Counts of every board have 32 bits.
-    const FARTHEST: f64 = 2_147_483_647.0;
+    const MAX_STEPS: f64 = 2_147_483_647.0;
     let refuse = |why: String| {
         let help = format!("write it like \"{example}\", or 0, where the motion began");
         ChangeRefusal::Value(format!("{text:?} is no position of motor {motor}: {why}; {help}"))
@@ -656,7 +680,7 @@ fn position(text: &str, motor: &str, example: &str, units: &PositionUnits) -> Re
         return Err(refuse(format!("it is {}", quantity.kind())));
     }
     let steps = units.steps(quantity.base).ok_or_else(|| refuse("it has no `lead`".to_owned()))? * quantity.value;
-    if steps.abs() < FARTHEST { Ok(steps) } else { Err(refuse("it is too far away".to_owned())) }
+    if steps.abs() < MAX_STEPS { Ok(steps) } else { Err(refuse("it is too far away".to_owned())) }
 }
 
 /// Checks that another program has the same wiring, drivers and board: they are set up once, before the motion.

@@ -9,15 +9,14 @@ use crossterm::event::{self, Event as TerminalEvent, KeyCode, KeyEvent, KeyEvent
 use crossterm::style::Print;
 use crossterm::terminal::{self, Clear, ClearType};
 use pulsetrain_motion::human;
-use pulsetrain_session::control::{Command, Event, Status};
+use pulsetrain_session::control::Status;
 
 use crate::clean::clean;
-use crate::control_socket::RunInfo;
-use crate::live::{Happened, LiveEvent, Request};
+use crate::live::{RunCommand, RunEvent, RunInfo};
 
 /// What a key asks for.
-pub(crate) enum Key {
-    Request(Request),
+pub(super) enum Key {
+    Command(RunCommand),
     Line(String),
 }
 
@@ -25,7 +24,7 @@ pub(crate) enum Key {
 const FASTER: f64 = 1.1;
 
 /// A terminal in raw mode until this is dropped.
-pub(crate) struct LiveScreen<'a> {
+pub(super) struct LiveScreen<'a> {
     out: &'a mut dyn Write,
     rows: ScreenRows,
     /// Rows that are drawn now.
@@ -52,7 +51,7 @@ impl<'a> LiveScreen<'a> {
     ///
     /// # Errors
     /// If it is no terminal.
-    pub(crate) fn new(out: &'a mut dyn Write, info: &RunInfo) -> io::Result<LiveScreen<'a>> {
+    pub(super) fn new(out: &'a mut dyn Write, info: &RunInfo) -> io::Result<LiveScreen<'a>> {
         terminal::enable_raw_mode()?;
         let mut screen = LiveScreen { out, rows: ScreenRows::new(info), drawn: 0 };
         screen.draw()?;
@@ -63,7 +62,7 @@ impl<'a> LiveScreen<'a> {
     ///
     /// # Errors
     /// If the terminal cannot be written.
-    pub(crate) fn hear(&mut self, happened: &Happened, text: Option<String>) -> io::Result<()> {
+    pub(super) fn hear(&mut self, happened: &RunEvent, text: Option<String>) -> io::Result<()> {
         self.rows.hear(happened);
         match text {
             Some(text) => self.print(&text),
@@ -72,7 +71,7 @@ impl<'a> LiveScreen<'a> {
     }
 
     /// The board counts from these positions now, steps.
-    pub(crate) fn count_from(&mut self, starts: &[f64]) {
+    pub(super) fn count_from(&mut self, starts: &[f64]) {
         let motors = self.rows.info.motors.iter_mut();
         motors.zip(starts).for_each(|(motor, start)| motor.start_steps = *start);
     }
@@ -81,7 +80,7 @@ impl<'a> LiveScreen<'a> {
     ///
     /// # Errors
     /// If the terminal cannot be written.
-    pub(crate) fn print(&mut self, text: &str) -> io::Result<()> {
+    pub(super) fn print(&mut self, text: &str) -> io::Result<()> {
         self.erase()?;
         for line in text.lines() {
             self.out.queue(Print(clean(line)))?.queue(Print("\r\n"))?;
@@ -93,7 +92,7 @@ impl<'a> LiveScreen<'a> {
     ///
     /// # Errors
     /// If the terminal cannot be read.
-    pub(crate) fn keys(&mut self) -> io::Result<Vec<Key>> {
+    pub(super) fn keys(&mut self) -> io::Result<Vec<Key>> {
         let mut keys = Vec::new();
         let mut is_touched = false;
         while event::poll(Duration::ZERO)? {
@@ -173,21 +172,21 @@ impl ScreenRows {
         }
     }
 
-    fn hear(&mut self, happened: &Happened) {
+    fn hear(&mut self, happened: &RunEvent) {
         match happened {
-            Happened::Session(Event::Status(status)) => self.status = Some(status.clone()),
-            Happened::Session(Event::Tempo { rate, .. }) => self.tempo = *rate,
-            Happened::Session(Event::Pausing { .. }) => self.is_paused = true,
-            Happened::Session(Event::Resuming { .. }) => self.is_paused = false,
-            Happened::Session(Event::Stopping { .. }) => self.is_braking = true,
-            Happened::Live(LiveEvent::Cue { name, .. }) => self.cue = Some(name.clone()),
-            Happened::Live(LiveEvent::Rejoined { times, .. }) => self.rejoined = *times,
+            RunEvent::Status(status) => self.status = Some(status.clone()),
+            RunEvent::Tempo { rate, .. } => self.tempo = *rate,
+            RunEvent::Pausing { .. } => self.is_paused = true,
+            RunEvent::Resuming { .. } => self.is_paused = false,
+            RunEvent::Stopping { .. } => self.is_braking = true,
+            RunEvent::Cue { name, .. } => self.cue = Some(name.clone()),
+            RunEvent::Rejoined { times, .. } => self.rejoined = *times,
             _ => {}
         }
     }
 
     fn press(&mut self, key: KeyEvent) -> Option<Key> {
-        let session = |command| Some(Key::Request(Request::Session(command)));
+        let command = |command| Some(Key::Command(command));
         let is_control = key.modifiers.contains(KeyModifiers::CONTROL);
         if is_control && matches!(key.code, KeyCode::Char('c' | 'd')) {
             return self.stop();
@@ -207,10 +206,10 @@ impl ScreenRows {
             return None;
         }
         match key.code {
-            KeyCode::Char(' ' | 'p') if self.is_paused => session(Command::Resume),
-            KeyCode::Char(' ' | 'p') => session(Command::Pause),
-            KeyCode::Char('+' | '=') => session(Command::Tempo { rate: self.tempo * FASTER }),
-            KeyCode::Char('-') => session(Command::Tempo { rate: self.tempo / FASTER }),
+            KeyCode::Char(' ' | 'p') if self.is_paused => command(RunCommand::Resume),
+            KeyCode::Char(' ' | 'p') => command(RunCommand::Pause),
+            KeyCode::Char('+' | '=') => command(RunCommand::Tempo { rate: self.tempo * FASTER }),
+            KeyCode::Char('-') => command(RunCommand::Tempo { rate: self.tempo / FASTER }),
             KeyCode::Char('s' | 'q') => self.stop(),
             KeyCode::Char(':') | KeyCode::Enter => {
                 self.typed = Some(String::new());
@@ -222,8 +221,9 @@ impl ScreenRows {
 
     /// The first stop brakes, the next one stops at once.
     fn stop(&mut self) -> Option<Key> {
-        let command = if std::mem::replace(&mut self.has_stopped, true) { Command::StopNow } else { Command::Stop };
-        Some(Key::Request(Request::Session(command)))
+        let command =
+            if std::mem::replace(&mut self.has_stopped, true) { RunCommand::StopNow } else { RunCommand::Stop };
+        Some(Key::Command(command))
     }
 
     /// The rows, the last of which is for keys and typing.
@@ -278,7 +278,7 @@ impl ScreenRows {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control_socket::MotorInfo;
+    use crate::live::MotorInfo;
     use pulsetrain_session::control::MotorStatus;
     use std::num::NonZeroU16;
 
@@ -301,8 +301,8 @@ mod tests {
         let status = Status { at_s: 86_400.0, lease_s: Some(0.42), motors: vec![motor; 8], lateness: None };
         let mut out = Vec::new();
         let mut screen = LiveScreen { out: &mut out, rows: ScreenRows::new(&info), drawn: 0 };
-        screen.rows.hear(&Happened::Session(Event::Status(status)));
-        screen.rows.hear(&Happened::Live(LiveEvent::Cue { name: "dusk".to_owned(), from_s: 0.0, until_s: 0.0 }));
+        screen.rows.hear(&RunEvent::Status(status));
+        screen.rows.hear(&RunEvent::Cue { name: "dusk".to_owned(), from_s: 0.0, until_s: 0.0 });
         for number in 0..news {
             screen.draw_within((80, height)).unwrap();
             screen.erase().unwrap();
@@ -333,9 +333,9 @@ mod tests {
     fn motors_that_brake_do_not_run() {
         let mut rows = ScreenRows::new(&RunInfo::nothing());
         let status = Status { at_s: 1.0, lease_s: None, motors: Vec::new(), lateness: None };
-        rows.hear(&Happened::Session(Event::Status(status)));
+        rows.hear(&RunEvent::Status(status));
         assert!(rows.text(9)[0].starts_with("1.0 s  runs"));
-        rows.hear(&Happened::Session(Event::Stopping { at_s: 1.1 }));
+        rows.hear(&RunEvent::Stopping { at_s: 1.1 });
         assert!(rows.text(9)[0].starts_with("1.0 s  brakes"));
     }
 
