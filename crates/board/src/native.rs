@@ -543,8 +543,11 @@ impl Leased for Native {
 }
 
 impl Native {
-    /// Checks that all motors would accept an extension.
-    fn check_extend(&self, lease: Lease) -> Result<(), ExtendRefused> {
+    /// Checks that all motors would accept an extension of the lease.
+    ///
+    /// # Errors
+    /// Those of [`extend`](Leased::extend).
+    pub fn check_extend(&self, lease: Lease) -> Result<(), ExtendRefused> {
         if let Lease::Until(until) = lease
             && until < self.horizon()
         {
@@ -554,6 +557,14 @@ impl Native {
         }
         let lease = self.core_lease(lease).map_err(|limit| ExtendRefused::Early { limit })?;
         self.engine.check_extend(lease).map_err(|refused| self.refusal(refused))
+    }
+
+    /// Removes the last `items[m]` items of each motor's queue. The lease stays as it is: [`trim`](Leased::trim) puts its end where the rest ends.
+    ///
+    /// # Errors
+    /// The index of a motor with fewer items; then none is removed.
+    pub fn take_back(&mut self, items: &[usize]) -> Result<(), usize> {
+        self.engine.take_back(items)
     }
 
     fn refusal(&self, refused: lease::ExtendRefused) -> ExtendRefused {
