@@ -114,6 +114,8 @@ impl Model {
         self.side.hardware.round_end = tick;
         self.side.plan_orders();
         self.side.hardware.native.advance(tick, &mut |edge: Edge| edges.push(edge));
+        // The board reports what it sees, as others do.
+        Board::events(&mut self.side.hardware.native);
         self.side.supervise(millis(tick));
         self.side.hardware.sync(false);
     }

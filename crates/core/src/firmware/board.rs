@@ -123,6 +123,7 @@ impl<H: Hardware> FirmwareBoard<H> {
     }
 
     /// Refuses what only motors at rest may be asked.
+    #[inline(never)]
     fn check_rest(&mut self) -> Result<(), Refusal> {
         self.check_unbaked()?;
         if self.armed && !self.is_idle() { Err(Refusal::of(Reason::Moving)) } else { Ok(()) }
@@ -206,19 +207,15 @@ impl<H: Hardware> FirmwareBoard<H> {
             return;
         }
         self.lapsed_at = Some(self.hardware.widen(lapse.at));
-        let (cause, motor) = match lapse.cause {
+        let is_fault = lapse.cause.is_fault();
+        if !is_fault && !was_moving {
             // At rest this is `Finished`.
-            LapseCause::NotExtended | LapseCause::Ordered if !was_moving => return,
-            LapseCause::NotExtended => (Cause::Lapsed, ALL_MOTORS),
-            LapseCause::Ordered => (Cause::Braked, ALL_MOTORS),
-            LapseCause::Underrun => (Cause::RanDry, at_fault),
-            LapseCause::StepMissed => (Cause::StepMissed, at_fault),
-            LapseCause::BadItem => (Cause::BadItem, at_fault),
-        };
-        self.last_stop = cause;
+            return;
+        }
+        self.last_stop = lapse.cause.into();
         // `report_faults` reports faults of queues, for each motor.
-        if !matches!(cause, Cause::StepMissed | Cause::BadItem) {
-            self.report(cause, motor, 0);
+        if !is_fault || lapse.cause == LapseCause::Underrun {
+            self.report(lapse.cause.into(), if is_fault { at_fault } else { ALL_MOTORS }, 0);
         }
     }
 
@@ -236,10 +233,10 @@ impl<H: Hardware> FirmwareBoard<H> {
     }
 
     /// Has an event sent to the host. Causes that end a lease have its tick, others that of now.
+    #[inline(never)]
     pub fn report(&mut self, cause: Cause, motor: u8, detail: u32) {
         let now = self.hardware.now();
-        let ends = [Cause::Lapsed, Cause::Braked, Cause::RanDry, Cause::BadItem, Cause::CheckFailed, Cause::StepMissed];
-        let tick = self.lapsed_at.filter(|_| ends.contains(&cause)).unwrap_or(now);
+        let tick = self.lapsed_at.filter(|_| cause.lapse().is_some()).unwrap_or(now);
         // A lost host or a lapsed lease is the better reason for the same end.
         if cause == Cause::Finished && self.last_stop == Cause::None {
             self.last_stop = cause;
@@ -248,6 +245,7 @@ impl<H: Hardware> FirmwareBoard<H> {
     }
 
     /// The immediate stop.
+    #[inline(never)]
     fn stop(&mut self, cause: Cause) -> Stopped {
         let Halt { tick, uncertain, reached } = self.hardware.stop();
         self.uncertain |= uncertain;
@@ -349,6 +347,7 @@ impl<H: Hardware> FirmwareBoard<H> {
     }
 
     /// Prepares orders for motors that rest and follow none yet. The motors themselves do not change.
+    #[inline(never)]
     fn prepare_orders(&mut self) -> Result<(), Refusal> {
         self.check_armed()?;
         if !self.is_idle() {

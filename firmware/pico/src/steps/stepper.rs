@@ -19,7 +19,7 @@ use pulsetrain_core::queue::{Items, Queue};
 use pulsetrain_core::verbs::MotorTiming;
 use pulsetrain_core::winch::spacing::SliceSteps;
 use pulsetrain_core::wire::message::{Configuration, QUEUE_PARTS, flags, limits_of};
-use pulsetrain_core::{Channel, Entry, Epoch, Item, Segment, Tick32};
+use pulsetrain_core::{Entry, Epoch, Item, Segment, Tick32};
 
 pub(crate) use pulsetrain_core::boards::pico::{
     LOOK_AHEAD, MAX_PULSE as LONGEST_PULSE, MAX_QUEUE_BYTES as LONGEST_QUEUE_BYTES, QUEUE_BYTES as POOL_BYTES,
@@ -687,16 +687,19 @@ impl Stepper {
     }
 
     /// The lease of all motors.
+    #[inline(never)]
     pub(crate) fn lease(&self) -> LeaseReport {
-        let channels = || self.motors().map(|motor| motor.words.channel());
-        let lease = channels().next().map_or(Lease::Off, Channel::lease);
-        let lapses = channels().filter_map(Channel::lapse).filter(|_| lease != Lease::Off);
-        LeaseReport {
-            lease,
-            lapse: lapses.min_by_key(|lapse| !lapse.cause.is_fault()),
-            was_moving: channels().any(Channel::was_moving),
-            at_fault: self.at_fault,
+        let lease = self.motor(0).map_or(Lease::Off, |motor| motor.words.channel().lease());
+        let mut report = LeaseReport { lease, lapse: None, was_moving: false, at_fault: self.at_fault };
+        for channel in self.motors().filter(|_| lease != Lease::Off).map(|motor| motor.words.channel()) {
+            let lapse = channel.lapse();
+            // A fault is the cause of all others' lapses.
+            if report.lapse.is_none() || lapse.is_some_and(|lapse| lapse.cause.is_fault()) {
+                report.lapse = lapse.or(report.lapse);
+            }
+            report.was_moving |= channel.was_moving();
         }
+        report
     }
 
     /// The first tick that no motor is committed to, not before `now`.
