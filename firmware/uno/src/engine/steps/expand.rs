@@ -483,7 +483,7 @@ steps_expand_ring:
     brcs .+2
     ldi r30, {START}
     .endm
-    expander steps_expand_shield_b, shield_b_store, 1
+    expander steps_expand_shield_b, shield_b_store, 0
     expander steps_expand_ring_long, ring_store_long, 0
     expander steps_expand_list_long, list_store_long, 0
     "#,

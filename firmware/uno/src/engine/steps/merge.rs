@@ -206,29 +206,13 @@ three_\a\b\c:
     cpc r\ah, r\bh
     brpl \late
     .endm
-    // Lane a (0 or 1) has the earlier head of the first two, lane b (2 or 3) of the others.        34 to 36
-    .macro merge_state name, a_low, a_high, a_at_tick, a_at_end, a, b_low, b_high, b_at_tick, b_at_end, b
-\name:
-    cp \a_low, \b_low                   // 1                            1
-    cpc \a_high, \b_high                // 1                            2
-    brmi .+2                            // 2, or 1 and 2                4 or 5
-    rjmp 6f
-    emit \a_low, \a_high, \a_at_tick, \a_at_end, \a //                    22
-    advance_\a                          //                              30
-    cp r2, r4                           // 1                            31
-    cpc r3, r5                          // 1                            32
-    brmi .+2                            // 2, or 1                      34
-    rjmp merge_1\b                      // 2                            35
-    rjmp merge_0\b                      // 2                            36
-    emit_before_deadline \a_low, \a_high, \a_at_tick, \a_at_end, \a
-6:  emit \b_low, \b_high, \b_at_tick, \b_at_end, \b //                    23
-    advance_\b                          //                              31 or 32
-    cp r6, r8
-    cpc r7, r9
-    brmi .+2
-    rjmp merge_\a\()3
-    rjmp merge_\a\()2                   //                              37
-    emit_before_deadline \b_low, \b_high, \b_at_tick, \b_at_end, \b
+    // Lane a has the earliest head of four.                                                        42 to 44
+    .macro merge_first a, al, ah, ar, af
+merge_first_\a:
+    emit r\al, r\ah, r\ar, r\af, \a    //                              18
+    advance_\a                          //                              26 or 27
+    rjmp merge_four                     // 2                            29
+    emit_before_deadline r\al, r\ah, r\ar, r\af, \a
     .endm
 
     .macro point_to_merge               //                              2
@@ -384,27 +368,27 @@ steps_merge_run:
     load_masks                          // 20, and it uses r0
     mov r0, r30
     lds r30, steps_merge+{THIRD_END}
-    sbrs r30, 5
-    rjmp 56f
+    sbrc r30, 5
     jmp ring_merge_three
-56: cp r2, r4
-    cpc r3, r5
-    brmi 2f
-    cp r6, r8
-    cpc r7, r9
-    brmi 1f
-    rjmp merge_13
-1:  rjmp merge_12
-2:  cp r6, r8
-    cpc r7, r9
-    brmi 3f
-    rjmp merge_03
-3:  rjmp merge_02                       //                              106
+merge_four:                             // the earlier of each pair, then the earlier of these     13 to 15
+    before 2, 3, 4, 5, 2f
+    before 6, 7, 8, 9, 1f
+    before 2, 3, 6, 7, merge_first_2
+    rjmp merge_first_0
+1:  before 2, 3, 8, 9, merge_first_3_far
+    rjmp merge_first_0
+2:  before 6, 7, 8, 9, 3f
+    before 4, 5, 6, 7, merge_first_2
+    rjmp merge_first_1
+3:  before 4, 5, 8, 9, merge_first_3_far
+    rjmp merge_first_1
+merge_first_3_far:
+    rjmp merge_first_3
 
-    merge_state merge_02, r2, r3, r14, r15, 0, r6, r7, r22, r23, 2
-    merge_state merge_03, r2, r3, r14, r15, 0, r8, r9, r28, r29, 3
-    merge_state merge_12, r4, r5, r20, r21, 1, r6, r7, r22, r23, 2
-    merge_state merge_13, r4, r5, r20, r21, 1, r8, r9, r28, r29, 3
+    merge_first 2, 6, 7, 22, 23
+    merge_first 0, 2, 3, 14, 15
+    merge_first 1, 4, 5, 20, 21
+    merge_first 3, 8, 9, 28, 29
 
     // Publishes what has been put into the ring. Uses r24, r25, Y.                                 24
 merge_publish:
