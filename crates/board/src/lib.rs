@@ -53,7 +53,7 @@ pub mod stk500;
 pub mod virtual_pico;
 pub mod virtual_uno;
 
-use pulsetrain_core::wire::message::Cause;
+use pulsetrain_core::wire::message::{Cause, Event};
 use pulsetrain_core::{Entry, Epoch};
 
 /// What a session needs of a board. Ticks are those of the board's clock, extended to 64 bits.
@@ -116,6 +116,11 @@ pub trait Board {
 
     /// The faults of a motor; none for a motor that is not there.
     fn faults(&self, motor: usize) -> Faults;
+
+    /// What the board has noticed by itself since the last call, oldest first: [moves done](Cause::MoveDone), faults, and lapses of the lease in
+    /// motion with their [cause](Cause::lapse) and tick. An event may get lost with a board: [`Leased::lease`], [`faults`](Board::faults) and
+    /// [`is_idle`](Board::is_idle) say what is.
+    fn events(&mut self) -> Vec<Event>;
 
     /// Why the board can no longer be used; `None` while it can.
     fn lost(&self) -> Option<&RemoteError> {

@@ -11,6 +11,7 @@ use pulsetrain_core::lease::{self, Lapse, LapseCause};
 use pulsetrain_core::output::{Coils, Output, Sequence, StepDir, StepDirSettings};
 use pulsetrain_core::queue::{Items, Place};
 use pulsetrain_core::shared_line::{self, SharedLine};
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Event};
 use pulsetrain_core::{Axis, Channel, Direction, Entry, Epoch, Item, Merge, Tick32, channel};
 use std::collections::VecDeque;
 
@@ -228,6 +229,12 @@ pub struct Native {
     lapsed: Option<(u64, LapseCause)>,
     /// How many accepted extensions [`Leased::extended`] has not reported yet.
     unreported_extensions: usize,
+    /// What [`Board::events`] has not reported yet.
+    events: Vec<Event>,
+    /// Something was left to do when that was asked last.
+    was_busy: bool,
+    /// The lapse of the lease was looked at, and reported if motors were in motion.
+    lapse_was_reported: bool,
 }
 
 /// What the board keeps of a motor besides its axis.
@@ -237,6 +244,8 @@ struct NativeMotor {
     pull_in_ticks: u64,
     /// The ticks of the last step and of the one before it.
     last: [Option<u64>; 2],
+    /// A missed step was reported.
+    miss_was_reported: bool,
 }
 
 impl Native {
@@ -268,7 +277,12 @@ impl Native {
         let motors = config
             .motors
             .iter()
-            .map(|motor| NativeMotor { position: 0, pull_in_ticks: motor.pull_in_ticks, last: [None; 2] })
+            .map(|motor| NativeMotor {
+                position: 0,
+                pull_in_ticks: motor.pull_in_ticks,
+                last: [None; 2],
+                miss_was_reported: false,
+            })
             .collect();
         let longest = config.motors.iter().map(|motor| motor.wiring.longest_ticks()).max();
         Ok(Native {
@@ -278,6 +292,9 @@ impl Native {
             now: 0,
             lapsed: None,
             unreported_extensions: 0,
+            events: Vec::new(),
+            was_busy: false,
+            lapse_was_reported: false,
         })
     }
 
@@ -345,11 +362,39 @@ impl Native {
     /// Lets time pass, up to and with tick `until`, and makes all edges of that time.
     pub fn advance(&mut self, until: u64, observer: &mut impl Observer) {
         while self.now <= until {
+            self.was_busy |= !self.engine.is_idle();
             let end = until.min(self.now + LONGEST_RUN_TICKS - 1);
             let mut watch = Watch { now: self.now, motors: &mut self.motors, observer };
             self.engine.run(Tick32::of(end), &mut watch);
             self.now = end + 1;
             self.note_lapse();
+            self.note_events();
+        }
+    }
+
+    /// Notes what a board reports by itself: the end of a lease in motion, a missed step, rest.
+    fn note_events(&mut self) {
+        let mut report = |cause, motor, tick| self.events.push(Event { cause, motor, tick, detail: 0 });
+        let lapse = self.lapsed.filter(|(at, _)| *at < self.now);
+        if let Some((at, cause)) = lapse
+            && !self.lapse_was_reported
+            && self.engine.was_moving()
+            // A missed step is reported below, for its motor.
+            && cause != LapseCause::StepMissed
+        {
+            report(cause.into(), ALL_MOTORS, at);
+        }
+        self.lapse_was_reported = lapse.is_some();
+        for (number, motor) in self.motors.iter_mut().enumerate() {
+            let is_missed = self.engine.faults(number).step_missed;
+            if is_missed && !motor.miss_was_reported {
+                report(Cause::StepMissed, number as u8, lapse.map_or(self.now, |(at, _)| at));
+            }
+            motor.miss_was_reported = is_missed;
+        }
+        if self.was_busy && self.engine.is_idle() {
+            self.was_busy = false;
+            report(Cause::Finished, ALL_MOTORS, self.now);
         }
     }
 
@@ -393,6 +438,7 @@ impl Native {
         self.advance(tick, observer);
         let tick = self.now - 1;
         let going = self.engine.stop();
+        self.was_busy = false;
         let uncertain = self
             .motors
             .iter()
@@ -480,6 +526,10 @@ impl Board for Native {
         self.idle()
     }
 
+    fn events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.events)
+    }
+
     fn faults(&self, motor: usize) -> Faults {
         Native::faults(self, motor)
     }
@@ -543,8 +593,11 @@ impl Leased for Native {
 }
 
 impl Native {
-    /// Checks that all motors would accept an extension.
-    fn check_extend(&self, lease: Lease) -> Result<(), ExtendRefused> {
+    /// Checks that all motors would accept an extension of the lease.
+    ///
+    /// # Errors
+    /// Those of [`extend`](Leased::extend).
+    pub fn check_extend(&self, lease: Lease) -> Result<(), ExtendRefused> {
         if let Lease::Until(until) = lease
             && until < self.horizon()
         {
@@ -554,6 +607,14 @@ impl Native {
         }
         let lease = self.core_lease(lease).map_err(|limit| ExtendRefused::Early { limit })?;
         self.engine.check_extend(lease).map_err(|refused| self.refusal(refused))
+    }
+
+    /// Removes the last `items[m]` items of each motor's queue. The lease stays as it is: [`trim`](Leased::trim) puts its end where the rest ends.
+    ///
+    /// # Errors
+    /// The index of a motor with fewer items; then none is removed.
+    pub fn take_back(&mut self, items: &[usize]) -> Result<(), usize> {
+        self.engine.take_back(items)
     }
 
     fn refusal(&self, refused: lease::ExtendRefused) -> ExtendRefused {

@@ -7,7 +7,7 @@ use crate::native::ConfigError;
 use crate::{Board, Config, Edge, Native, Observer};
 use pulsetrain_core::verbs::motor::MAX_ITEMS;
 use pulsetrain_core::verbs::{MotorTiming, Verbs};
-use pulsetrain_core::wire::message::Reason;
+use pulsetrain_core::wire::message::{Cause, Event, Reason};
 use pulsetrain_core::wire::orders::{Obeyed, Orders};
 use pulsetrain_core::wire::{MAX_MOTORS, Refusal};
 use pulsetrain_core::{Entry, Epoch};
@@ -137,14 +137,18 @@ impl NativeVerbs {
         true
     }
 
-    /// The moves that have finished since the last call: motor, tick of the end, and how many moves of this motor are finished then.
-    pub fn done(&mut self) -> Vec<(usize, u64, u32)> {
+    /// What has happened since the last call, oldest first: moves that were [done](Cause::MoveDone), and what [`Native`] reports.
+    pub fn events(&mut self) -> Vec<Event> {
         let now = self.native.now();
-        let of = |(index, done): (usize, &mut VecDeque<(u64, u32)>)| {
-            let by_now = std::iter::from_fn(|| done.pop_front_if(|(at, _)| *at <= now));
-            by_now.map(|(at, count)| (index, at, count)).collect::<Vec<_>>()
-        };
-        self.done.iter_mut().enumerate().flat_map(of).collect()
+        let mut events = self.native.events();
+        for (motor, done) in (0..).zip(&mut self.done) {
+            while let Some((tick, count)) = done.pop_front_if(|(at, _)| *at <= now) {
+                events.push(Event { cause: Cause::MoveDone, motor, tick, detail: count });
+            }
+        }
+        // The last move is done before all rest.
+        events.sort_by_key(|event| (event.tick, event.cause == Cause::Finished));
+        events
     }
 
     /// The first tick that has not been passed.

@@ -17,6 +17,7 @@ use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::spacing::TICKS;
 use pulsetrain_core::winch::text::{Heard, LineCommand, LineError, LineFault, LineReader};
 use pulsetrain_core::winch::verb_lines::{self as text, LineOrders, VerbLine};
+use pulsetrain_core::wire::message::{Cause, Event};
 use pulsetrain_core::wire::{Baud, Reason, Refusal as Refused};
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
@@ -190,8 +191,9 @@ impl NativeWinch {
             let (zero, planned) = (self.zero, &mut self.planned);
             let plan = |edge: Edge| planned.push(Reverse((zero + edge.tick, edge.line, edge.level)));
             verbs.advance(until - zero, &mut { plan });
-            let done = |(axis, tick, number)| text::VerbReply::Done { axis: axis as u8, tick, number };
-            self.done.extend(verbs.done().into_iter().map(done));
+            let done = verbs.events().into_iter().filter(|event| event.cause == Cause::MoveDone);
+            let line = |Event { motor, tick, detail, .. }| text::VerbReply::Done { axis: motor, tick, number: detail };
+            self.done.extend(done.map(line));
         }
         while let Some(Reverse((at, line, level))) = self.planned.peek().copied()
             && at <= until

@@ -5,6 +5,7 @@
 use crate::lease::{ExtendRefused, Lease, LeaseState, Leased, TrimRefused};
 use crate::{Board, Edge, Faults, Native, Observer, ScheduledStep, Sizer, StopReport, SwitchRefused};
 use pulsetrain_core::braking::Limit;
+use pulsetrain_core::wire::message::Event;
 use pulsetrain_core::{Entry, Epoch};
 use std::collections::VecDeque;
 
@@ -203,6 +204,10 @@ impl<B: Leased> Board for WithReference<B> {
 
     fn faults(&self, motor: usize) -> Faults {
         self.board.faults(motor)
+    }
+
+    fn events(&mut self) -> Vec<Event> {
+        self.board.events()
     }
 
     fn lost(&self) -> Option<&crate::RemoteError> {

@@ -657,7 +657,7 @@ impl<P: Port> Remote<P> {
     /// Sends verbs to motors ([`Verbs`](pulsetrain_core::verbs::Verbs)). `orders` are pairs of a motor and its verb, eight at most (six on an Uno). All of
     /// them begin at the same tick.
     ///
-    /// The end of a move is reported by [`events`](Remote::events), as [`Cause::MoveDone`].
+    /// The end of a move is reported by [`events`](Board::events), as [`Cause::MoveDone`].
     ///
     /// # Errors
     /// When the board is lost or refuses, or when the orders do not fit in one frame. No order is obeyed then.
@@ -719,11 +719,6 @@ impl<P: Port> Remote<P> {
         self.port
     }
 
-    /// The events that the board has reported since the last call.
-    pub fn events(&mut self) -> Vec<Event> {
-        std::mem::take(&mut self.events)
-    }
-
     /// Why the board cannot be used any more; `None` while it can.
     #[must_use]
     pub const fn error(&self) -> Option<&RemoteError> {
@@ -764,19 +759,7 @@ impl<P: Port> Remote<P> {
     /// The cause of an unplanned stop, if the board has reported one.
     fn reported_stop(&self) -> Option<Cause> {
         let reported = self.events.iter().rev().map(|event| event.cause);
-        reported.into_iter().find(|cause| {
-            matches!(
-                cause,
-                Cause::StopNow
-                    | Cause::Starved
-                    | Cause::BadItem
-                    | Cause::CheckFailed
-                    | Cause::StepMissed
-                    | Cause::Lapsed
-                    | Cause::Braked
-                    | Cause::RanDry
-            )
-        })
+        reported.into_iter().find(|cause| matches!(cause, Cause::StopNow | Cause::Starved) || cause.lapse().is_some())
     }
 
     fn read_clock(&mut self) -> Result<(), RemoteError> {
@@ -868,15 +851,7 @@ impl<P: Port> Remote<P> {
     /// Takes the board's events, and its answers to extensions.
     fn take_events(&mut self) {
         while let Some(event) = self.link.event() {
-            let cause = match event.cause {
-                Cause::Lapsed => Some(lease::LapseCause::NotExtended),
-                Cause::Braked => Some(lease::LapseCause::Ordered),
-                Cause::RanDry => Some(lease::LapseCause::Underrun),
-                Cause::BadItem | Cause::CheckFailed => Some(lease::LapseCause::BadItem),
-                Cause::StepMissed => Some(lease::LapseCause::StepMissed),
-                _ => None,
-            };
-            if let Some(cause) = cause {
+            if let Some(cause) = event.cause.lapse() {
                 self.note_lapse(event.tick, Some(cause), self.now());
             }
             if event.cause == Cause::Starved && self.lease != LeaseState::Off {
@@ -1331,6 +1306,10 @@ impl<P: Port> Board for Remote<P> {
             step_missed: faults & (flags::STEP_MISSED | flags::BAD_ITEM | flags::CHECK_FAILED) != 0,
             setup_cut_short: faults & flags::SETUP_CUT_SHORT != 0,
         }
+    }
+
+    fn events(&mut self) -> Vec<Event> {
+        std::mem::take(&mut self.events)
     }
 
     fn lost(&self) -> Option<&RemoteError> {

@@ -30,6 +30,7 @@
 //! - [`packed_queue`]: packed bytes that wait, and the items in them
 //! - [`packing`]: segments as few bytes
 //! - [`wire`]: frames and messages between host and board, and the board's side of the link
+//! - [`firmware`]: the board behind that link, on any hardware
 //! - [`segment`]: the recurrence, exact; [`RegisterWidths`]: the registers in which a board has it
 //! - [`boards`]: what each board's firmware and the host must agree on
 //! - [`tick32`]: wrap-safe time
@@ -49,6 +50,7 @@ pub mod boards;
 pub mod braking;
 pub mod channel;
 pub mod channels;
+pub mod firmware;
 pub mod lease;
 pub mod merge;
 pub mod output;

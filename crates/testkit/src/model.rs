@@ -1,27 +1,19 @@
 //! A model of a board behind a serial line, without an emulated chip: fast enough for many tests of the link.
 //!
 //! Its steps are those of a native board with 16 fraction bits, and its protocol is the [`Service`] that firmware runs. Bytes take their time on the
-//! line, and behind a USB bridge, which is that of a virtual Uno. The model is also an example of what a [`BoardSide`] has to do.
+//! line, and behind a USB bridge, which is that of a virtual Uno. The model is also the shortest example of a [`Hardware`].
 
 use crate::Random;
 use pulsetrain_board::bridge::ToHost;
-use pulsetrain_board::lease::{ExtendRefused, TrimRefused};
 use pulsetrain_board::native::QUEUE_LEN;
-use pulsetrain_board::{
-    Board, Config, Edge, Lease, LeaseState, Leased, MotorConfig, Native, Port, PortError, SwitchRefused, Wiring,
-};
-use pulsetrain_core::lease;
+use pulsetrain_board::{Board, Config, Edge, Lease, LeaseState, Leased, MotorConfig, Native, Port, PortError, Wiring};
+use pulsetrain_core::firmware::{FirmwareBoard, Halt, Hardware, LeaseReport};
+use pulsetrain_core::lease::{self, Lapse};
 use pulsetrain_core::packing::{Packing, State};
 use pulsetrain_core::verbs::{MotorTiming, Verbs};
-use pulsetrain_core::wire::message::{
-    self, ALL_MOTORS, Cause, Configuration, Event, Info, Measures, QUEUE_PARTS, Reason, flags, limits_of,
-};
-use pulsetrain_core::wire::orders::{Obeyed, Orders};
-use pulsetrain_core::wire::outcome::NO_LEASE;
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause, Configuration, Info, Measures, QUEUE_PARTS, flags, limits_of};
 use pulsetrain_core::wire::settings::SETTINGS_LEN;
-use pulsetrain_core::wire::{
-    Baud, BoardSide, Decoder, Encoder, MAX_BODY, MAX_FRAME, Millis, Refusal, Service, Stopped, Switched, Trimmed,
-};
+use pulsetrain_core::wire::{Baud, Decoder, MAX_BODY, MAX_FRAME, MAX_MOTORS, Millis, Reason, Refusal, Service};
 use pulsetrain_core::{Epoch, Tick32};
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -45,7 +37,7 @@ const UNREAD: u16 = 240;
 const ROUND: u64 = 800;
 
 /// How far ahead the steps of motors that obey verbs are computed, ticks: a verb holds from there on. Two rounds, and as much for the DIR setup.
-const AHEAD: u64 = 4 * ROUND;
+const AHEAD: u32 = 4 * ROUND as u32;
 
 /// The period with which motors that obey verbs begin, ticks: 1000 steps/s.
 const FIRST_PERIOD: u32 = TICK_HZ / 1000;
@@ -53,28 +45,24 @@ const FIRST_PERIOD: u32 = TICK_HZ / 1000;
 /// Ticks from one frame of USB to the next: 1 ms.
 const USB_FRAME: u64 = TICK_HZ as u64 / 1000;
 
-/// The board: motors, queues and clock, without the line.
+/// The board, without the line: core's [`FirmwareBoard`] on [`ModelHardware`].
 #[derive(Clone, Debug)]
 pub struct Model {
+    /// What the service drives.
+    pub side: FirmwareBoard<ModelHardware>,
+}
+
+/// A native board with queues in bytes, and a clock that the caller moves.
+#[derive(Clone, Debug)]
+pub struct ModelHardware {
     /// Bytes of all queues together, and of the receive buffer.
     memory: [u16; 2],
     native: Native,
     motors: Vec<Motor>,
-    /// Whether the motors are armed.
-    armed: bool,
+    /// The tick up to which time passes in this round.
+    round_end: u64,
     /// The rate that the line should have.
     baud: Baud,
-    events: VecDeque<Event>,
-    measures: Measures,
-    last_stop: Cause,
-    was_idle: bool,
-    /// The end of a lease that was reported as an event.
-    braked: Option<u64>,
-    limits: Vec<MotorTiming>,
-    /// Whether the motors obey verbs: until they are released or stopped.
-    obeys: bool,
-    verbs: Verbs,
-    obeyed: Obeyed,
     /// The stored settings, which the board keeps without power.
     settings: Option<[u8; SETTINGS_LEN]>,
 }
@@ -87,9 +75,9 @@ struct Motor {
     /// The items in the native board's queue.
     items: VecDeque<Waiting>,
     capacity: usize,
-    faults: u8,
-    /// The shortest interval at which the motor can start and stop, ticks.
-    pull_in_ticks: u64,
+    /// Packed bytes were no item.
+    has_bad_item: bool,
+    timing: MotorTiming,
 }
 
 /// An item in the native board's queue.
@@ -105,87 +93,41 @@ impl Model {
     /// A board at tick 0 without configured motors. `memory`: bytes of all queues together, and of the receive buffer.
     #[must_use]
     pub fn new(memory: [u16; 2]) -> Model {
-        Model {
+        let hardware = ModelHardware {
             memory,
             native: bare(),
             motors: Vec::new(),
-            armed: false,
+            round_end: 0,
             baud: Baud::B115200,
-            events: VecDeque::new(),
-            measures: Measures::default(),
-            last_stop: Cause::None,
-            was_idle: true,
-            braked: None,
-            limits: Vec::new(),
-            obeys: false,
-            verbs: Verbs::new(),
-            obeyed: Obeyed::NONE,
             settings: None,
-        }
-    }
-
-    /// Computes the steps of motors that obey verbs.
-    fn work_out(&mut self, until: u64) {
-        if self.obeys {
-            self.verbs.work_out::<FRACTION_BITS>(until, |motor, item| {
-                let entry = pulsetrain_core::Entry { epoch: Board::epoch(&self.native), item };
-                self.native.push(motor.into(), entry).expect("a slice has few items");
-            });
-        }
-    }
-
-    fn rests(&self) -> bool {
-        self.native.idle() && (!self.obeys || self.verbs.rest_at(self.native.now()))
-    }
-
-    /// Marks the positions of motors that were stopped too fast as uncertain.
-    fn flag(&mut self, uncertain: u8) {
-        for (number, motor) in self.motors.iter_mut().enumerate() {
-            motor.faults |= if uncertain >> number & 1 == 0 { 0 } else { flags::UNCERTAIN };
-        }
+        };
+        Model { side: FirmwareBoard::new(hardware, Box::new(Verbs::new()), Cause::PowerOn) }
     }
 
     /// The native board that makes its steps.
     #[must_use]
     pub const fn native(&self) -> &Native {
-        &self.native
+        &self.side.hardware.native
     }
 
     /// Lets time pass, up to and with `tick`.
     pub fn run(&mut self, tick: u64, edges: &mut Vec<Edge>) {
-        self.work_out(tick + AHEAD);
-        self.native.advance(tick, &mut |edge: Edge| edges.push(edge));
-        self.look_after_lease();
-        let idle = self.rests();
-        if idle && !self.was_idle && self.braked.is_none() {
-            self.stopped(Cause::Finished);
-        }
-        self.was_idle = idle;
-        self.sync(false);
+        self.side.hardware.round_end = tick;
+        self.side.plan_orders();
+        self.side.hardware.native.advance(tick, &mut |edge: Edge| edges.push(edge));
+        // The board reports what it sees, as others do.
+        Board::events(&mut self.side.hardware.native);
+        self.side.supervise(millis(tick));
+        self.side.hardware.sync(false);
     }
+}
 
-    /// Reports the end of a lease as an event if motors were in motion, once the time of all motors is past it.
-    fn look_after_lease(&mut self) {
-        let LeaseState::Lapsed { at, cause, in_motion } = Leased::lease(&self.native) else {
-            self.braked = None;
-            return;
-        };
-        if !in_motion || at >= self.native.now() || self.braked.is_some() {
-            return;
-        }
-        self.braked = Some(at);
-        self.last_stop = match cause {
-            lease::LapseCause::NotExtended => Cause::Lapsed,
-            lease::LapseCause::Ordered => Cause::Braked,
-            lease::LapseCause::Underrun => Cause::RanDry,
-            lease::LapseCause::BadItem => Cause::BadItem,
-            lease::LapseCause::StepMissed => Cause::StepMissed,
-        };
-        let at_fault = |motor: &u8| self.native.faults(usize::from(*motor)).step_missed;
-        let motor = (0..self.motors()).find(at_fault).unwrap_or(ALL_MOTORS);
-        self.events.push_back(Event { cause: self.last_stop, motor, tick: at, detail: 0 });
-    }
+/// Time in units of 2^14 ticks, 1.024 ms.
+const fn millis(tick: u64) -> Millis {
+    Millis((tick >> 14) as u16)
+}
 
+impl ModelHardware {
     /// The lease of a frame, with 64-bit ticks.
     fn lease_of(&self, lease: lease::Lease) -> Lease {
         match lease {
@@ -208,15 +150,6 @@ impl Model {
             Some(*sum)
         });
         std::iter::once(0).chain(ends).position(|sum| sum == bytes)
-    }
-
-    fn stopped(&mut self, cause: Cause) {
-        self.last_stop = cause;
-        self.tell(cause, ALL_MOTORS, 0);
-    }
-
-    fn tell(&mut self, cause: Cause, motor: u8, detail: u32) {
-        self.events.push_back(Event { cause, motor, tick: self.native.now(), detail });
     }
 
     /// Forgets the items that have left the queues: at the front, or at the end if `back`.
@@ -252,11 +185,11 @@ fn bare() -> Native {
     Native::new(&Config { fraction_bits: FRACTION_BITS, motors: Vec::new() }).expect("no motors, nothing to refuse")
 }
 
-impl BoardSide for Model {
-    const OBEYS: bool = true;
-    const STORES: bool = true;
+impl Hardware for ModelHardware {
+    type Layout = Config;
+    type Orders = Box<Verbs>;
 
-    fn info(&mut self) -> Info {
+    fn info(&self) -> Info {
         Info {
             board: 0,
             firmware: [0, 1, 0],
@@ -266,16 +199,15 @@ impl BoardSide for Model {
             pool: self.memory[0],
             window: self.memory[1],
             bauds: 0b1_1111,
-            last_stop: self.last_stop,
-            last_reset: Cause::PowerOn,
             ..Info::NOBODY
         }
     }
 
-    fn configure(&mut self, configuration: &Configuration<'_>) -> Result<(), Refusal> {
-        if !self.rests() {
-            return Err(Refusal::of(Reason::Moving));
-        }
+    fn now(&mut self) -> u64 {
+        self.native.now()
+    }
+
+    fn check(&self, configuration: &Configuration<'_>) -> Result<Config, Refusal> {
         if configuration.motors().len() > usize::from(MOTORS) {
             return Err(Refusal { reason: Reason::TooManyMotors, detail: u16::from(MOTORS) });
         }
@@ -290,7 +222,12 @@ impl BoardSide for Model {
             pull_in_ticks: u64::from(motor.pull_in_ticks),
         });
         let config = Config { fraction_bits: FRACTION_BITS, motors: motors.collect() };
-        let native = Native::new(&config).map_err(|_| Refusal::of(Reason::PinMix))?;
+        Native::new(&config).map(drop).map_err(|_| Refusal::of(Reason::PinMix))?;
+        Ok(config)
+    }
+
+    fn configure(&mut self, layout: &Config, configuration: &Configuration<'_>) {
+        let native = Native::new(layout).expect("the configuration was checked");
         let mut native = native.with_dir_hold(configuration.hold_ticks.into());
         // The board's clock goes on.
         if let Some(last) = self.native.now().checked_sub(1) {
@@ -300,10 +237,6 @@ impl BoardSide for Model {
         let [pulse, setup, hold] = [configuration.pulse_ticks, configuration.setup_ticks, configuration.hold_ticks];
         let turn = u32::from(pulse.max(1)) + u32::from(hold) + u32::from(setup);
         let shortest = u32::from(pulse.max(1)) + 1;
-        self.limits = configuration
-            .motors()
-            .map(|_| MotorTiming { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) })
-            .collect();
         let count = configuration.motors().len().max(1);
         self.motors = configuration
             .motors()
@@ -316,41 +249,33 @@ impl BoardSide for Model {
                     0 => usize::from(self.memory[0]) / count,
                     parts => usize::from(self.memory[0]) * parts / usize::from(QUEUE_PARTS),
                 },
-                faults: 0,
-                pull_in_ticks: motor.pull_in_ticks.into(),
+                has_bad_item: false,
+                timing: MotorTiming { shortest, turn: turn.max(shortest), period: FIRST_PERIOD.max(shortest) },
             })
             .collect();
-        self.armed = false;
-        Ok(())
     }
 
-    fn arm(&mut self) -> Result<(), Refusal> {
-        if self.motors.is_empty() {
-            return Err(Refusal::of(Reason::NotConfigured));
-        }
-        if !self.rests() {
-            return Err(Refusal::of(Reason::Moving));
-        }
-        // Empties the queues.
-        self.native.stop_now(self.native.now().saturating_sub(1), &mut |_: Edge| {});
-        self.empty();
-        self.obeys = false;
-        self.motors.iter_mut().for_each(|motor| motor.faults = 0);
-        self.armed = true;
-        Ok(())
-    }
-
-    fn release(&mut self) -> Result<(), Refusal> {
-        if !self.rests() {
-            return Err(Refusal::of(Reason::Moving));
-        }
-        self.armed = false;
-        self.obeys = false;
-        Ok(())
-    }
+    /// There is no enable pin.
+    fn set_enable(&mut self, _: u8, _: bool) {}
 
     fn motors(&self) -> u8 {
         self.motors.len() as u8
+    }
+
+    fn start(&mut self) {
+        self.stop();
+        self.motors.iter_mut().for_each(|motor| motor.has_bad_item = false);
+    }
+
+    fn stop(&mut self) -> Halt {
+        let report = self.native.stop_now(self.native.now().saturating_sub(1), &mut |_: Edge| {});
+        let uncertain = (0..).zip(&report.uncertain).fold(0, |all, (bit, one)| all | u8::from(*one) << bit);
+        self.empty();
+        Halt { tick: report.tick, uncertain, reached: [report.tick; MAX_MOTORS] }
+    }
+
+    fn is_idle(&mut self, _: u64) -> bool {
+        self.native.idle()
     }
 
     fn free(&self, motor: u8) -> u16 {
@@ -359,20 +284,11 @@ impl BoardSide for Model {
             .map_or(0, |motor| (motor.capacity - motor.items.iter().map(|item| item.len).sum::<usize>()) as u16)
     }
 
-    fn push(&mut self, index: u8, epoch: Epoch, packed: &[u8]) -> Result<(), Refusal> {
-        if !self.armed {
-            return Err(Refusal::of(Reason::NotArmed));
+    fn push(&mut self, index: u8, epoch: Epoch, packed: &[u8]) -> Option<()> {
+        if packed.len() > usize::from(self.free(index)) {
+            return None;
         }
-        if self.obeys {
-            return Err(Refusal::of(Reason::Obeying));
-        }
-        let free = usize::from(self.free(index));
-        let Some(motor) = self.motors.get_mut(usize::from(index)) else {
-            return Err(Refusal { reason: Reason::NoSuchMotor, detail: u16::from(index) });
-        };
-        if packed.len() > free {
-            return Err(Refusal { reason: Reason::Full, detail: u16::from(index) });
-        }
+        let motor = self.motors.get_mut(usize::from(index))?;
         let mut rest = packed;
         loop {
             let before = (rest.len(), motor.epoch, motor.state);
@@ -390,11 +306,10 @@ impl BoardSide for Model {
                         motor.items.push_back(Waiting { len: len - rest.len(), epoch, state });
                     }
                 }
-                Ok(None) => return Ok(()),
+                Ok(None) => return Some(()),
                 Err(_) => {
-                    motor.faults |= flags::BAD_ITEM;
-                    self.tell(Cause::BadItem, index, 0);
-                    return Ok(());
+                    motor.has_bad_item = true;
+                    return Some(());
                 }
             }
         }
@@ -405,104 +320,53 @@ impl BoardSide for Model {
         self.drop_epoch(epoch);
     }
 
-    fn switch(&mut self, epoch: Epoch, tick: u64, lease: lease::Lease, limits: &[u8]) -> Result<Switched, Refusal> {
-        if !self.armed {
-            return Err(Refusal::of(Reason::NotArmed));
-        }
-        if self.obeys {
-            return Err(Refusal::of(Reason::Obeying));
-        }
+    fn switch(&mut self, epoch: Epoch, tick: u64, lease: lease::Lease, limits: &[u8]) -> bool {
         let limits: Vec<_> = limits_of(limits).collect();
-        Ok(match self.native.switch(epoch, tick, self.lease_of(lease), &limits) {
-            Ok(()) => {
-                self.was_idle = false;
-                return Ok(Switched::Accepted);
-            }
-            Err(refused) => {
-                self.drop_epoch(epoch);
-                match refused {
-                    SwitchRefused::Late { horizon } => Switched::Late { horizon },
-                    SwitchRefused::Early { limit } => Switched::Early { limit },
-                    SwitchRefused::Full | SwitchRefused::Lost => Switched::Full,
-                }
-            }
-        })
+        self.native.switch(epoch, tick, self.lease_of(lease), &limits).is_ok()
     }
 
-    fn extend(&mut self, lease: lease::Lease, limits: &[u8]) -> bool {
-        let limits: Vec<_> = limits_of(limits).collect();
-        self.armed && self.native.extend(self.lease_of(lease), &limits).is_ok()
+    fn can_extend(&self, lease: lease::Lease) -> bool {
+        lease != lease::Lease::Off && self.native.check_extend(self.lease_of(lease)).is_ok()
     }
 
-    fn trim(&mut self, until: Tick32, bytes: &[u8]) -> Result<Trimmed, Refusal> {
-        if !self.armed {
-            return Err(Refusal::of(Reason::NotArmed));
-        }
+    fn extend(&mut self, lease: lease::Lease, limits: &[u8]) {
+        let limits: Vec<_> = limits_of(limits).collect();
+        self.native.extend(self.lease_of(lease), &limits).expect("this was asked just before");
+    }
+
+    fn take_back(&mut self, bytes: &[u8]) -> Result<(), u8> {
         self.sync(false);
         let bytes = bytes.as_chunks().0.iter().map(|bytes| usize::from(u16::from_le_bytes(*bytes)));
         let mut counts = Vec::new();
         for (index, (motor, bytes)) in (0..).zip(self.motors.iter().zip(bytes)) {
-            match self.items_of(motor, bytes) {
-                Some(count) => counts.push(count),
-                None => return Ok(Trimmed::TooMany { motor: index }),
+            counts.push(self.items_of(motor, bytes).ok_or(index)?);
+        }
+        self.native.take_back(&counts).map_err(|motor| motor as u8)?;
+        for (motor, count) in self.motors.iter_mut().zip(counts) {
+            let left = motor.items.len() - count;
+            if let Some(Waiting { epoch, state, .. }) = motor.items.drain(left..).next() {
+                (motor.epoch, motor.state) = (epoch, state);
             }
         }
-        let horizon = self.native.horizon();
-        Ok(match self.native.trim(self.near(until), &counts) {
-            Ok(()) => {
-                for (motor, count) in self.motors.iter_mut().zip(counts) {
-                    let left = motor.items.len() - count;
-                    if let Some(Waiting { epoch, state, .. }) = motor.items.drain(left..).next() {
-                        (motor.epoch, motor.state) = (epoch, state);
-                    }
-                }
-                Trimmed::Accepted
-            }
-            Err(TrimRefused::Extend(ExtendRefused::Late { .. } | ExtendRefused::Early { .. })) => {
-                Trimmed::Late { horizon }
-            }
-            Err(TrimRefused::Extend(_)) => Trimmed::NoLease,
-            Err(TrimRefused::Read { motor }) => Trimmed::TooMany { motor: motor as u8 },
-        })
+        Ok(())
     }
 
-    fn brake(&mut self) -> u64 {
-        if self.armed { self.native.brake().unwrap_or(NO_LEASE) } else { NO_LEASE }
+    fn lapse_at(&mut self, lapse: Lapse) {
+        self.native.brake_at(self.near(lapse.at));
     }
 
-    fn lease(&self) -> (u8, u32) {
-        let state = match Leased::lease(&self.native) {
-            LeaseState::Off => message::LeaseState::Off,
-            LeaseState::Until(until) => message::LeaseState::Until(Tick32::of(until)),
-            LeaseState::Last => message::LeaseState::Last,
-            LeaseState::Lapsed { at, .. } => message::LeaseState::Lapsed(Tick32::of(at)),
+    fn lease(&self) -> LeaseReport {
+        let (lease, lapse, was_moving) = match Leased::lease(&self.native) {
+            LeaseState::Off => (lease::Lease::Off, None, false),
+            LeaseState::Until(until) => (lease::Lease::Until(Tick32::of(until)), None, false),
+            LeaseState::Last => (lease::Lease::Last, None, false),
+            LeaseState::Lapsed { at, cause, in_motion } => {
+                (lease::Lease::Last, Some(Lapse { at: Tick32::of(at), cause }), in_motion)
+            }
         };
-        state.to_parts()
-    }
-
-    fn stop_now(&mut self) -> Stopped {
-        let report = self.native.stop_now(self.native.now().saturating_sub(1), &mut |_: Edge| {});
-        let uncertain = (0..).zip(&report.uncertain).fold(0, |all, (bit, one)| all | u8::from(*one) << bit);
-        self.empty();
-        self.armed = false;
-        if self.obeys {
-            self.verbs.stop(|_| report.tick);
-        }
-        self.obeys = false;
-        self.flag(uncertain);
-        self.stopped(Cause::StopNow);
-        self.was_idle = true;
-        Stopped { tick: report.tick, uncertain }
-    }
-
-    fn clock(&mut self) -> u64 {
-        self.native.now()
-    }
-
-    fn flags(&self) -> u8 {
-        let configured = if self.motors.is_empty() { 0 } else { flags::CONFIGURED };
-        let armed = if self.armed { flags::ARMED } else { 0 };
-        configured | armed | if self.rests() { flags::IDLE } else { 0 }
+        let is_at_fault = |motor: &u8| self.native.faults(usize::from(*motor)).step_missed;
+        let at_fault = (0..self.motors()).find(is_at_fault).unwrap_or(ALL_MOTORS);
+        LeaseReport { lease, lapse, was_moving, at_fault }
     }
 
     fn horizon(&mut self) -> u64 {
@@ -520,92 +384,47 @@ impl BoardSide for Model {
     fn faults(&self, motor: u8) -> u8 {
         let index = usize::from(motor);
         let faults = self.native.faults(index);
-        let mut all = self.motors.get(index).map_or(0, |motor| motor.faults);
-        if faults.step_missed {
-            all |= flags::STEP_MISSED;
-        }
-        if faults.setup_cut_short {
-            all |= flags::SETUP_CUT_SHORT;
-        }
-        all
+        let is_bad = self.motors.get(index).is_some_and(|motor| motor.has_bad_item);
+        let all = [
+            (is_bad, flags::BAD_ITEM),
+            (faults.step_missed, flags::STEP_MISSED),
+            (faults.setup_cut_short, flags::SETUP_CUT_SHORT),
+        ];
+        all.into_iter().filter(|(is_set, _)| *is_set).fold(0, |all, (_, flag)| all | flag)
     }
 
-    fn measures(&mut self) -> &mut Measures {
-        &mut self.measures
+    fn timings(&self) -> impl Iterator<Item = (MotorTiming, i32)> {
+        let positions = self.native.positions();
+        self.motors.iter().zip(positions).map(|(motor, position)| (motor.timing, position as i32))
     }
 
-    fn rate_fell_back(&mut self) {
-        self.tell(Cause::BaudFellBack, ALL_MOTORS, 0);
+    fn foresight(&self) -> u32 {
+        AHEAD
     }
+
+    fn begin_orders(&mut self, _: u64) {}
+
+    fn plan_orders(&mut self, orders: &mut Verbs) {
+        orders.work_out::<FRACTION_BITS>(self.round_end + u64::from(AHEAD), |motor, item| {
+            let entry = pulsetrain_core::Entry { epoch: Board::epoch(&self.native), item };
+            self.native.push(motor.into(), entry).expect("a slice has few items");
+        });
+    }
+
+    fn measure(&mut self, _: &mut Measures) {}
 
     fn reset_measures(&mut self) {}
-
-    fn can_baud(&self, _: Baud) -> bool {
-        true
-    }
 
     fn set_baud(&mut self, baud: Baud) {
         self.baud = baud;
     }
 
-    fn host_gone(&mut self, lost: bool) {
-        if lost && !self.rests() {
-            self.stopped(Cause::HostLost);
-        }
-        if self.obeys {
-            let motors = &self.motors;
-            let uncertain = self
-                .verbs
-                .host_gone(lost, |motor| motors.get(usize::from(motor)).map_or(0, |motor| motor.pull_in_ticks));
-            self.flag(uncertain);
-        }
-        self.verbs.mute_moves();
+    fn store(&mut self, settings: &[u8; SETTINGS_LEN]) {
+        self.settings = Some(*settings);
     }
 
-    fn obey(&mut self, orders: &Orders<'_>) -> Result<(), Refusal> {
-        if !self.armed {
-            return Err(Refusal::of(Reason::NotArmed));
-        }
-        if !self.obeys {
-            if !self.native.idle() {
-                return Err(Refusal::of(Reason::Moving));
-            }
-            let positions = self.native.positions();
-            let motors = self.limits.iter().zip(positions).map(|(limits, position)| (*limits, position as i32));
-            self.verbs.begin(motors, self.native.now() + AHEAD);
-        }
-        self.obeyed = orders.tell(&mut self.verbs)?;
-        // A command without orders only asks, and changes nothing.
-        if !orders.is_empty() {
-            self.obeys = true;
-            self.was_idle = false;
-        }
-        Ok(())
-    }
-
-    fn obeyed(&self, frame: &mut Encoder<'_>) {
-        self.obeyed.encode(frame);
-    }
-
-    fn store(&mut self, settings: Option<&[u8; SETTINGS_LEN]>) -> Result<(), Refusal> {
-        if self.armed {
-            return Err(Refusal::of(Reason::Moving));
-        }
-        self.settings = settings.copied().or(self.settings);
-        Ok(())
-    }
-
-    fn stored(&mut self, settings: &mut [u8; SETTINGS_LEN]) -> bool {
-        *settings = self.settings.unwrap_or_default();
-        self.settings.is_some()
-    }
-
-    fn event(&mut self) -> Option<Event> {
-        let now = self.native.now();
-        if let Some((motor, tick, detail)) = self.verbs.take_done(now) {
-            return Some(Event { cause: Cause::MoveDone, motor, tick, detail });
-        }
-        self.events.pop_front()
+    fn stored(&self) -> Option<[u8; SETTINGS_LEN]> {
+        self.settings
     }
 }
 
@@ -658,13 +477,13 @@ impl ModelPort {
     /// The model's positions, read past the line and its faults.
     #[must_use]
     pub fn positions(&self) -> Vec<i64> {
-        self.model.native.positions()
+        self.model.native().positions()
     }
 
     /// The state of the model's lease, read past the line and its faults.
     #[must_use]
     pub fn lease(&self) -> LeaseState {
-        Leased::lease(&self.model.native)
+        Leased::lease(self.model.native())
     }
 
     /// Whether a host has a session with it.
@@ -676,12 +495,12 @@ impl ModelPort {
     /// The rate of the model's end of the line.
     #[must_use]
     pub const fn board_baud(&self) -> Baud {
-        self.model.baud
+        self.model.side.hardware.baud
     }
 
     /// Resets the board, as opening a port does: everything it knew is gone, and the motors stop where they are.
     pub fn reset(&mut self) {
-        self.model = Model::new(self.model.memory);
+        self.model = Model::new(self.model.side.hardware.memory);
         self.decoder = Decoder::new();
         self.service = Service::new(MAX_BODY);
         self.to_host.clear();
@@ -697,22 +516,23 @@ impl ModelPort {
     /// One round of the board's main loop.
     fn round(&mut self) {
         self.now += ROUND;
-        self.model.run(self.model.native.now() + ROUND - 1, &mut self.edges);
-        let millis = Millis((self.now >> 14) as u16);
+        self.model.run(self.model.native().now() + ROUND - 1, &mut self.edges);
+        let millis = millis(self.now);
         let ModelPort { model, decoder, service, now, to_board, to_host, noise, .. } = self;
         while let Some((_, baud, byte)) = to_board.pop_front_if(|(at, ..)| *at <= *now) {
-            let received = decoder.push(heard(byte, baud, model.baud, noise));
-            service.receive(received, decoder.body(), millis, model);
+            let received = decoder.push(heard(byte, baud, model.side.hardware.baud, noise));
+            service.receive(received, decoder.body(), millis, &mut model.side);
         }
         if to_host.back().is_none_or(|(at, ..)| *at <= *now) {
             let mut out = [0; MAX_FRAME + 1];
-            let baud = model.baud;
-            let len = service.poll(millis, model, &mut out);
-            if model.baud != baud {
+            let baud = model.side.hardware.baud;
+            let len = service.poll(millis, &mut model.side, &mut out);
+            let new_baud = model.side.hardware.baud;
+            if new_baud != baud {
                 decoder.reset();
             }
-            let byte_ticks = byte_ticks(model.baud);
-            to_host.extend((1..).zip(&out[..len]).map(|(index, byte)| (*now + index * byte_ticks, model.baud, *byte)));
+            let byte_ticks = byte_ticks(new_baud);
+            to_host.extend((1..).zip(&out[..len]).map(|(index, byte)| (*now + index * byte_ticks, new_baud, *byte)));
         }
         while let Some((at, baud, byte)) = self.to_host.pop_front_if(|(at, ..)| *at <= self.now) {
             let byte = heard(byte, baud, self.baud, &mut self.noise);

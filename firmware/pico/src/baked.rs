@@ -1,10 +1,11 @@
 //! A motion in the flash: it begins at power-up, and is fed into the queues as a host would do it.
 
+use crate::board::Board;
 use crate::clock::TICK_HZ;
 use crate::flash;
-use crate::machine::Board;
 use crate::steps::MOTORS;
 use pulsetrain_core::baked::{Block, LONGEST_PIECE, POINTER, Player};
+use pulsetrain_core::wire::BoardSide;
 use pulsetrain_core::{Epoch, Tick32};
 
 /// From power-up to the motion's time 0, ticks: 0.1 s, for drivers to be ready.
@@ -30,8 +31,8 @@ pub(crate) struct BakedMotion {
 impl BakedMotion {
     /// Begins it, all motors at the same tick. `None` if the board cannot do it: then nothing moves.
     pub(crate) fn begin(board: &mut Board, block: &Block<'static>) -> Option<BakedMotion> {
-        let epoch = board.begin_baked(&block.configuration)?;
-        let zero = board.clock.now() + START_DELAY;
+        let epoch = board.begin_baked(&block.configuration).ok()?;
+        let zero = board.now() + START_DELAY;
         let mut motors = block.motors();
         let players = core::array::from_fn(|_| motors.next().map(|motor| Player::new(motor, Tick32::of(zero))));
         let mut baked = BakedMotion { epoch, players };
@@ -48,7 +49,7 @@ impl BakedMotion {
         let mut more = false;
         for (motor, player) in (0..).zip(self.players.iter_mut().flatten()) {
             let mut piece = [0; LONGEST_PIECE];
-            let len = player.next(board.free_bytes(motor).into(), &mut piece);
+            let len = player.next(board.free(motor).into(), &mut piece);
             if let Some(piece @ [_, ..]) = piece.get(..len) {
                 board.push_baked(motor, self.epoch, piece);
                 more = true;

@@ -1,7 +1,7 @@
 //! The board that hosts drive: start-up and the main loop.
 
 use crate::baked::{self, BakedMotion};
-use crate::machine::Board;
+use crate::board::Board;
 use crate::port_io::{PortIo, TextLine};
 use crate::start::StaticCell;
 use crate::store::Store;
@@ -71,7 +71,7 @@ pub unsafe fn run() -> ! {
     let (mut board, uart, usb) = unsafe { (Board::begin(), Uart::open(), Usb::open(flash::unique_id())) };
     // SAFETY: as above.
     let (ports, winch) = unsafe { (PORTS.take(), WINCH.take()) };
-    board.store = Store::read();
+    board.hardware.store = Store::read();
     let baked = block.and_then(|block| BakedMotion::begin(&mut board, &block));
     let (port, text_port) = (Port::Uart, Port::Uart);
     let mut firmware =
@@ -93,11 +93,11 @@ impl Firmware {
             self.winch.advance(&mut self.board);
             let fed = self.feed_baked();
             let more = self.board.fill_motors() || fed;
-            let now = self.board.clock.now();
+            let now = self.board.now();
             self.count_round(now - woken);
             woken = now;
             let millis = clock::millis(now);
-            self.usb.poll(&mut self.board.clock);
+            self.usb.poll(&mut self.board.hardware.clock);
             if self.usb.was_opened() {
                 self.greet();
             }
@@ -112,7 +112,7 @@ impl Firmware {
             }
             if !(more || received || sent) {
                 self.nap();
-                woken = self.board.clock.now();
+                woken = self.board.now();
             }
         }
     }
@@ -206,7 +206,7 @@ impl Firmware {
             if is_taken && port == self.port && self.service.silence(now) < SESSION_SILENCE_MS {
                 let (taken, received) = feed(&mut io.decoder, bytes);
                 bytes = bytes.get(taken..).unwrap_or_default();
-                self.service.receive(received, io.decoder.body(), now, &mut self.board);
+                self.service.receive(received, io.decoder.body(), now, &mut self.board.side);
                 continue;
             }
             bytes = rest;
@@ -243,7 +243,7 @@ impl Firmware {
                 self.service.interrupted();
             }
         }
-        self.service.receive(received, io.decoder.body(), now, &mut self.board);
+        self.service.receive(received, io.decoder.body(), now, &mut self.board.side);
     }
 
     /// Takes a byte of a line of text.
@@ -287,8 +287,8 @@ impl Firmware {
             self.service.interrupted();
         }
         // Before a change of the UART's rate nothing more is sent on it.
-        if io.is_out() && !(self.port == Port::Uart && self.board.baud.is_some()) {
-            io.write_frame(|reply| self.service.poll(now, &mut self.board, reply));
+        if io.is_out() && !(self.port == Port::Uart && self.board.hardware.baud.is_some()) {
+            io.write_frame(|reply| self.service.poll(now, &mut self.board.side, reply));
         }
         for port in Port::ALL {
             let io = &mut self.ports[port as usize];
@@ -312,7 +312,7 @@ impl Firmware {
             }
             can_send
         });
-        self.usb.flush(&mut self.board.clock);
+        self.usb.flush(&mut self.board.hardware.clock);
         to_uart || to_usb
     }
 
@@ -328,8 +328,8 @@ impl Firmware {
     /// Changes the rate of the UART once all bytes at the old rate are sent. A session over USB changes none: then the UART waits
     /// at 115 200 baud for the next host.
     fn set_baud(&mut self) {
-        if self.board.baud.is_some() && self.ports[Port::Uart as usize].is_out() && uart::is_out() {
-            let asked = self.board.baud.take().filter(|_| self.port == Port::Uart);
+        if self.board.hardware.baud.is_some() && self.ports[Port::Uart as usize].is_out() && uart::is_out() {
+            let asked = self.board.hardware.baud.take().filter(|_| self.port == Port::Uart);
             self.uart.set_baud(asked.unwrap_or(Baud::B115200));
         }
     }
@@ -342,10 +342,10 @@ impl Firmware {
 
     /// Sleeps until there may be something to do.
     fn nap(&mut self) {
-        let before = self.board.clock.now();
+        let before = self.board.now();
         let us = if self.board.is_armed() { self.board.spare_us().min(LONGEST_NAP_US[0]) } else { LONGEST_NAP_US[1] };
         clock::sleep(us);
-        let slept = self.board.clock.now() - before;
+        let slept = self.board.now() - before;
         self.board.measures.idle_ticks = self.board.measures.idle_ticks.wrapping_add(slept);
     }
 }

@@ -29,10 +29,11 @@
 #![no_std]
 
 mod baked;
+mod board;
 mod clock;
 pub mod firmware;
 mod flash;
-mod machine;
+mod hardware;
 pub mod motors;
 mod port_io;
 mod regs;

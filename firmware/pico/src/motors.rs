@@ -32,8 +32,8 @@
 //! Ramps: a motor has a new speed from its next step on. Motors for the other core, or for a program's own interrupts: neither can
 //! have [`Motors`].
 
+use crate::board::Board;
 use crate::clock::{self, TICK_HZ};
-use crate::machine::Board;
 use crate::regs;
 use crate::start::{self, Shared};
 use crate::steps::MOTORS;
@@ -134,8 +134,8 @@ extern "C" fn timer_interrupt() {
     regs::TIMER_INTR.write(1 << 1);
     let motors = with(|state| {
         while state.board.fill_motors() {}
-        let now = clock::millis(state.board.clock.now());
-        state.board.update_idle(now);
+        let now = clock::millis(state.board.now());
+        state.board.update_drivers(now);
         Motors::of(state.board.motors())
     });
     while let Some(done) = with(State::take_done) {
@@ -165,7 +165,7 @@ fn wake(motor: u8) {
 impl State {
     /// How long there is nothing to do, µs.
     fn spare_us(&mut self) -> u32 {
-        let now = self.board.clock.now();
+        let now = self.board.now();
         let done = self.board.next_done().map_or(u64::MAX, |done| done.saturating_sub(now));
         let done = u32::try_from(done).map_or(LONGEST_ROUND_US, clock::us);
         // 2 µs later, so that the period of the move is over by then.
@@ -181,7 +181,7 @@ impl State {
     fn arm(&mut self) -> Result<(), Refusal> {
         self.board.arm()?;
         // Words are written from now on, for rest until there are orders.
-        self.board.begin_verbs()?;
+        self.board.begin_orders()?;
         self.armings = self.armings.wrapping_add(1);
         Ok(())
     }
@@ -255,7 +255,7 @@ impl Motors {
         clock::take_pins();
         // SAFETY: the caller's promise.
         let mut board = unsafe { Board::begin() };
-        board.timing = FillTiming::of_interrupt(motors.len() as u8);
+        board.hardware.timing = FillTiming::of_interrupt(motors.len() as u8);
         board.configure(&configuration)?;
         regs::enable_interrupts();
         let wakers = [const { [const { None }; WAKERS_PER_MOTOR] }; MOTORS];
@@ -354,7 +354,7 @@ fn pend_timer_interrupt() {
 }
 
 fn now() -> u64 {
-    with(|state| state.board.clock.now())
+    with(|state| state.board.now())
 }
 
 fn tell(verbs: &[(u8, Verb)]) -> Result<Obeyed, Refusal> {
@@ -368,7 +368,7 @@ fn tell(verbs: &[(u8, Verb)]) -> Result<Obeyed, Refusal> {
         *place = order(*motor, *verb);
     }
     let orders = Orders::decode(used.as_flattened()).ok_or(full)?;
-    let obeyed = with(|state| state.board.obey(&orders).map(|()| state.board.obeyed))?;
+    let obeyed = with(|state| state.board.obey(&orders).map(|()| state.board.last_orders()))?;
     // Motors that were halted rest now: futures are ready.
     for (motor, verb) in verbs {
         if *verb == Verb::Halt {

@@ -14,18 +14,18 @@
 //! verbs do not mix: whichever was first keeps the axes until then. After verbs a new session of text begins, since paths would not
 //! know where the axes are.
 
+use crate::board::Board;
 use crate::clock::TICK_HZ;
-use crate::machine::Board;
 use crate::port_io::TextLine;
 use crate::steps::stepper::{DIR_CLEARANCE, LOOK_AHEAD};
-use pulsetrain_core::winch::letters::InMemory;
-use pulsetrain_core::winch::path::Slice;
-use pulsetrain_core::winch::reply::LineReply;
-use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::boards::pico::{
     AXIS_ENABLE_PIN as ENABLE_PIN, AXIS_PULSE_TICKS as PULSE_TICKS, AXIS_SETUP_TICKS as SETUP_TICKS,
     AXIS_STEP_PINS as STEP_PINS,
 };
+use pulsetrain_core::winch::letters::InMemory;
+use pulsetrain_core::winch::path::Slice;
+use pulsetrain_core::winch::reply::LineReply;
+use pulsetrain_core::winch::session::Session;
 use pulsetrain_core::winch::text::{Heard, LineCommand, LineError, LineFault, LineReader};
 use pulsetrain_core::winch::verb_lines::{self as text, LineOrders, VerbLine};
 use pulsetrain_core::wire::message::{Configuration, Event, MOTOR_SETUP_LEN};
@@ -45,7 +45,6 @@ const _: () = assert!(PULSE_TICKS as u32 * 500_000 == TICK_HZ && SETUP_TICKS as 
 
 // A change of DIR fits in the clearance: its set-up, and the words of DIR and of the step, which last a pulse and more each.
 const _: () = assert!(SETUP_TICKS as u32 + 4 * PULSE_TICKS as u32 <= DIR_CLEARANCE);
-
 
 /// The axes, as a Configure of frames would have them.
 const AXES: [u8; 4 * MOTOR_SETUP_LEN] = {
@@ -221,7 +220,7 @@ impl Winch {
         match done {
             Ok(()) => {
                 self.session.heard();
-                text::VerbReply::At { obeyed: board.obeyed, axes: orders.axes() }
+                text::VerbReply::At { obeyed: board.last_orders(), axes: orders.axes() }
             }
             Err(refused) => text::VerbReply::Refused(refused),
         }
@@ -257,7 +256,7 @@ impl Winch {
             self.wired = board.configure_axes();
         }
         if self.session.drives() && !self.path_runs {
-            let next = (board.clock.now() / u64::from(SLICE_TICKS) + FIRST_SLICE) * u64::from(SLICE_TICKS);
+            let next = (board.now() / u64::from(SLICE_TICKS) + FIRST_SLICE) * u64::from(SLICE_TICKS);
             self.path_runs = self.wired && board.begin_paths(next);
             if self.path_runs {
                 self.next = next;
@@ -273,7 +272,7 @@ impl Winch {
     pub(crate) fn advance(&mut self, board: &mut Board) {
         if self.on {
             let ahead = if self.path_runs { LOOK_AHEAD_OF_PATHS } else { 0 };
-            let until = board.clock.now() + u64::from(ahead);
+            let until = board.now() + u64::from(ahead);
             while self.next <= until {
                 self.slice(board);
             }
@@ -298,7 +297,7 @@ impl Winch {
     pub(crate) fn poll(&mut self, board: &mut Board, service: &mut Service) -> bool {
         if self.verbs_run {
             if self.releasing || self.session.deadman_expired() {
-                let stopped = board.halt(true);
+                let stopped = board.drop_orders(true);
                 // Not after `enable 0`: that host asked for the stop.
                 self.stopped_by_deadman |= if self.releasing { 0 } else { stopped };
             }
@@ -330,9 +329,9 @@ impl Winch {
         let on = !service.is_taken() && board.is_at_rest();
         let begins = on && !self.on;
         if begins {
-            let kept = board.store.settings().and_then(|bytes| Settings::decode(bytes)).unwrap_or_default();
+            let kept = board.hardware.store.settings().and_then(|bytes| Settings::decode(bytes)).unwrap_or_default();
             *self = Winch { session: Session::keeping(&kept), ..Winch::new() };
-            self.next = (board.clock.now() / u64::from(SLICE_TICKS) + 1) * u64::from(SLICE_TICKS);
+            self.next = (board.now() / u64::from(SLICE_TICKS) + 1) * u64::from(SLICE_TICKS);
         }
         self.on = on;
         begins

@@ -7,6 +7,7 @@ use pulsetrain_board::{Board, Config, Edge, MotorConfig, Native, Observer, Sched
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::lease::LapseCause;
 use pulsetrain_core::output::{Output, StepDir, StepDirSettings};
+use pulsetrain_core::wire::message::{ALL_MOTORS, Cause};
 use pulsetrain_core::{Axis, Direction, Entry, Epoch, Item, Queue, Segment, Tick32};
 
 use Direction::{Backward, Forward};
@@ -524,6 +525,9 @@ fn whatever_is_wrong_with_one_motor_all_brake() {
         };
         assert_eq!(why, cause, "{more:?}");
         assert!((11_000..=11_250).contains(&at), "{more:?}: {at}");
+        let told: Vec<_> = board.events().iter().map(|event| (event.cause, event.tick)).collect();
+        assert_eq!(told.first(), Some(&(Cause::from(cause), at)), "{more:?}: {told:?}");
+        assert!(matches!(told[1..], [(Cause::Finished, _)]), "{told:?}");
         // The one at fault goes on as it went, and slows down from there.
         assert_eq!(ticks(&lab, 0), replayed(&items[0][..good], 11_200), "{more:?}");
         assert_eq!(ticks(&lab, 1), replayed(&items[1], at), "{more:?}");
@@ -554,6 +558,12 @@ fn who_has_ended_with_a_wait_has_not_run_dry() {
     assert_eq!(board.lease(), LeaseState::Lapsed { at: 30_000, cause: LapseCause::NotExtended, in_motion: true });
     assert_eq!(lab.counted[0], 50);
     assert_eq!(ticks(&lab, 1), replayed(&items[1], 30_000));
+    // The lapse is reported once, with its tick, and then the rest after the stop.
+    let told: Vec<_> = board.events().iter().map(|event| (event.cause, event.motor, event.tick)).collect();
+    let [lapsed, (Cause::Finished, ALL_MOTORS, _)] = told[..] else { panic!("{told:?}") };
+    assert_eq!(lapsed, (Cause::Lapsed, ALL_MOTORS, 30_000));
+    board.advance(90_000, &mut lab);
+    assert_eq!(board.events(), []);
 }
 
 #[test]
@@ -563,6 +573,8 @@ fn a_lease_that_ends_when_nothing_moves_is_no_stop() {
     board.advance(60_000, &mut lab);
     assert_eq!(board.lease(), LeaseState::Lapsed { at: 60_000, cause: LapseCause::NotExtended, in_motion: false });
     assert_eq!(lab.counted, [50, -200]);
+    let told: Vec<_> = board.events().iter().map(|event| event.cause).collect();
+    assert_eq!(told, [Cause::Finished]);
 }
 
 #[test]

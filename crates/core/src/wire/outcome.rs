@@ -1,5 +1,7 @@
 //! Results of commands, reasons of refusals, and causes of stops: their codes, and the numbers that come with them.
 
+use crate::lease::LapseCause;
+
 macro_rules! codes {
     ($(#[$outer:meta])* $name:ident { $($(#[$inner:meta])* $variant:ident = $code:literal,)* }) => {
         $(#[$outer])*
@@ -122,6 +124,33 @@ codes! {
         NotTaken = 1,
         /// Its queue has no room.
         NoRoom = 2,
+    }
+}
+
+impl Cause {
+    /// Why motors brake, if this is the cause of that.
+    #[must_use]
+    pub const fn lapse(self) -> Option<LapseCause> {
+        match self {
+            Cause::Lapsed => Some(LapseCause::NotExtended),
+            Cause::Braked => Some(LapseCause::Ordered),
+            Cause::RanDry => Some(LapseCause::Underrun),
+            Cause::BadItem | Cause::CheckFailed => Some(LapseCause::BadItem),
+            Cause::StepMissed => Some(LapseCause::StepMissed),
+            _ => None,
+        }
+    }
+}
+
+impl From<LapseCause> for Cause {
+    fn from(cause: LapseCause) -> Cause {
+        match cause {
+            LapseCause::NotExtended => Cause::Lapsed,
+            LapseCause::Ordered => Cause::Braked,
+            LapseCause::Underrun => Cause::RanDry,
+            LapseCause::BadItem => Cause::BadItem,
+            LapseCause::StepMissed => Cause::StepMissed,
+        }
     }
 }
 

@@ -4,6 +4,7 @@
 mod avr_verbs;
 mod baked;
 mod braking;
+mod firmware;
 mod pio;
 mod service;
 mod stepgen;

@@ -8,7 +8,7 @@ use pulsetrain_board::{
 use pulsetrain_core::braking::Limit;
 use pulsetrain_core::packing::{MAX_PACKED_LEN, Packing, State};
 use pulsetrain_core::wire::Baud;
-use pulsetrain_core::wire::message::MotorSetup;
+use pulsetrain_core::wire::message::{Event, MotorSetup};
 use pulsetrain_core::{Entry, Epoch, Item, RegisterWidths, Segment};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::{Grid, Law, Time, boards};
@@ -118,6 +118,9 @@ impl<P: Port> Board for Watched<P> {
     }
     fn faults(&self, motor: usize) -> Faults {
         self.board.faults(motor)
+    }
+    fn events(&mut self) -> Vec<Event> {
+        self.board.events()
     }
     fn lost(&self) -> Option<&RemoteError> {
         self.board.lost()

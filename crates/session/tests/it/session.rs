@@ -8,6 +8,7 @@ use pulsetrain_board::{
     StopReport, SwitchRefused, Wiring,
 };
 use pulsetrain_core::braking::Limit;
+use pulsetrain_core::wire::message::Event;
 use pulsetrain_core::{Direction, Entry, Epoch, Item, RegisterWidths};
 use pulsetrain_motion::program::{self, DriverTiming, Limits, Motor, Program, Scale, Tolerance};
 use pulsetrain_motion::time::Rate;
@@ -192,6 +193,9 @@ impl Board for Bench {
     }
     fn faults(&self, motor: usize) -> Faults {
         self.native.faults(motor)
+    }
+    fn events(&mut self) -> Vec<Event> {
+        self.native.events()
     }
 }
 

@@ -9,6 +9,7 @@ use crate::regs;
 use crate::start::StaticCell;
 use core::iter;
 use pulsetrain_core::channels;
+use pulsetrain_core::firmware::{Halt, LeaseReport};
 use pulsetrain_core::lease::{Lapse, Lease};
 use pulsetrain_core::output::{Coils, Output, StepDir, StepDirSettings};
 use pulsetrain_core::packed_queue::{Fault, PackedQueue, Pool};
@@ -183,16 +184,6 @@ struct MotorParts<'a> {
     ring: &'a mut [u32; RING_WORDS],
 }
 
-/// How all motors were stopped.
-pub(crate) struct HaltReport {
-    /// No step was begun after it.
-    pub(crate) tick: u64,
-    /// Motors that were faster than they can stop at once, bit by motor.
-    pub(crate) uncertain: u8,
-    /// Up to when each motor followed its plan: `tick`, or the end of its words if it ran dry.
-    pub(crate) reached: [u64; MOTORS],
-}
-
 /// All motors.
 pub(crate) struct Stepper {
     motors: [MotorState; MOTORS],
@@ -281,11 +272,6 @@ impl Stepper {
     /// What verbs may ask of each motor, and its position.
     pub(crate) fn limits(&self) -> impl Iterator<Item = (MotorTiming, i32)> {
         self.motors().map(|motor| (motor.limits, motor.words.channel().position()))
-    }
-
-    /// The shortest interval that a motor can start and stop at, ticks.
-    pub(crate) fn pull_in_ticks(&self, motor: u8) -> u32 {
-        self.motor(motor).map_or(0, |motor| motor.pull_in_ticks)
     }
 
     /// Has a motor make the steps of a path in the millisecond that begins at `begin`.
@@ -553,11 +539,11 @@ impl Stepper {
     }
 
     /// The immediate stop: halts all state machines, and counts what they did.
-    pub(crate) fn stop(&mut self, clock: &mut Clock) -> HaltReport {
+    pub(crate) fn stop(&mut self, clock: &mut Clock) -> Halt {
         (self.known_until, self.timing) = (None, FillTiming::PLANS);
         if !self.runs {
             let tick = clock.now();
-            return HaltReport { tick, uncertain: 0, reached: [tick; MOTORS] };
+            return Halt { tick, uncertain: 0, reached: [tick; MOTORS] };
         }
         self.runs = false;
         // With interrupts off: none may start a DMA channel again, or come between a halt and the end of a pulse.
@@ -572,7 +558,7 @@ impl Stepper {
         });
         // All pulses that were begun are over by then.
         let fall = clock.now32().after(self.longest_pulse() + STEP_DIR_OVERHEAD);
-        let mut halt = HaltReport { tick, uncertain: 0, reached: [tick; MOTORS] };
+        let mut halt = Halt { tick, uncertain: 0, reached: [tick; MOTORS] };
         let (pool, parts) = self.parts();
         for MotorParts { number, motor, tape, ring } in parts {
             let machine = StateMachine::of(number);
@@ -666,15 +652,11 @@ impl Stepper {
         true
     }
 
-    /// Extends the lease of all motors to `lease`. `false`, and nothing changes, if one refuses.
-    pub(crate) fn extend(&mut self, lease: Lease, limits: &[u8]) -> bool {
-        if !self.can_extend(lease) {
-            return false;
-        }
+    /// Extends the lease of all motors to `lease`. The caller has asked whether that [can be done](Stepper::can_extend).
+    pub(crate) fn extend(&mut self, lease: Lease, limits: &[u8]) {
         for (motor, limit) in self.motors_mut().zip(limits_of(limits).map(Some).chain(iter::repeat(None))) {
             motor.words.channel_mut().extend(lease, limit);
         }
-        true
     }
 
     /// Whether [`extend`](Stepper::extend) would be accepted now.
@@ -704,24 +686,20 @@ impl Stepper {
         }
     }
 
-    /// The lease, and its lapse if it is over.
-    pub(crate) fn lease(&self) -> (Lease, Option<Lapse>) {
+    /// The lease of all motors.
+    #[inline(never)]
+    pub(crate) fn lease(&self) -> LeaseReport {
         let lease = self.motor(0).map_or(Lease::Off, |motor| motor.words.channel().lease());
-        if lease == Lease::Off {
-            return (lease, None);
+        let mut report = LeaseReport { lease, lapse: None, was_moving: false, at_fault: self.at_fault };
+        for channel in self.motors().filter(|_| lease != Lease::Off).map(|motor| motor.words.channel()) {
+            let lapse = channel.lapse();
+            // A fault is the cause of all others' lapses.
+            if report.lapse.is_none() || lapse.is_some_and(|lapse| lapse.cause.is_fault()) {
+                report.lapse = lapse.or(report.lapse);
+            }
+            report.was_moving |= channel.was_moving();
         }
-        let lapses = self.motors().filter_map(|motor| motor.words.channel().lapse());
-        (lease, lapses.min_by_key(|lapse| !lapse.cause.is_fault()))
-    }
-
-    /// The motor that could not follow its plan last, so that all brake.
-    pub(crate) const fn at_fault(&self) -> u8 {
-        self.at_fault
-    }
-
-    /// Whether a motor was in motion when the lease was over.
-    pub(crate) fn was_moving(&self) -> bool {
-        self.motors().any(|motor| motor.words.channel().was_moving())
+        report
     }
 
     /// The first tick that no motor is committed to, not before `now`.

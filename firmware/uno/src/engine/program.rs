@@ -13,7 +13,7 @@
 //! | `ring_fill_shared` | the same where motors share DIR lines | `shared_fill` |
 //! | `ring_fill_shield` | the same on the shield: the merged ring A, and ring B | `shield_fill` |
 //! | `ring_fill_shield_b` | ring B alone, in the middle of a merge | `shield_b_fill` |
-//! | `ring_merge_shield` | the merge of three motors while ring B is in use | `merge_shield` |
+//! | `ring_merge_three` | the merge of three motors in a known order | `merge_three` |
 
 use crate::engine::link::Receiver;
 use crate::engine::machine::Board;
@@ -49,6 +49,9 @@ pub(crate) trait Program: Sized + 'static {
 
     /// The shield's motor on PORTB may have a ring of its own: `ring_fill_shield`.
     const SHIELD_B: bool = true;
+
+    /// Up to three motors are merged in a known order, which is faster: `ring_merge_three`. Without that they are merged as four are.
+    const THREE_LANES: bool = false;
 
     // Text on the line.
 

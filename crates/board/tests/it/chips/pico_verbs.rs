@@ -91,7 +91,8 @@ impl Pair {
             assert!(told.is_sorted_by_key(|(_, tick, _)| *tick), "{told:?}");
             assert!(told.iter().map(|(.., number)| *number).eq(1..=told.len() as u32), "{told:?}");
         }
-        let mut wanted = self.native.done();
+        let done = self.native.events().into_iter().filter(|event| event.cause == Cause::MoveDone);
+        let mut wanted: Vec<_> = done.map(|event| (event.motor.into(), event.tick, event.detail)).collect();
         for done in [&mut self.done, &mut wanted] {
             done.retain(|(_, tick, _)| *tick <= until);
             done.sort_unstable();

@@ -3,7 +3,7 @@
 
 use pulsetrain_board::virtual_pico::VirtualPico;
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{LinkError, Remote, RemoteError, Setup};
+use pulsetrain_board::{Board, LinkError, Remote, RemoteError, Setup};
 use pulsetrain_core::wire::Reason;
 use pulsetrain_emulator::UsbState;
 use pulsetrain_testkit::Random;

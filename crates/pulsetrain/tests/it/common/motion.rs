@@ -2,7 +2,7 @@
 
 use super::uno::{Mark, Seen, idle_round};
 use pulsetrain_board::virtual_uno::VirtualUno;
-use pulsetrain_board::{Edge, Observer, Port, Remote, ScheduledStep, WithReference};
+use pulsetrain_board::{Board, Edge, Observer, Port, Remote, ScheduledStep, WithReference};
 use pulsetrain_core::Direction;
 use pulsetrain_core::wire::Baud;
 use pulsetrain_core::wire::message::Cause;

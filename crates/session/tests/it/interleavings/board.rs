@@ -159,7 +159,7 @@ impl Board {
             {
                 self.take(*seq, *kind, payload, received, mutation);
             } else {
-                self.service.receive(received, &body, Millis(0), &mut self.model);
+                self.service.receive(received, &body, Millis(0), &mut self.model.side);
             }
         }
         self.speak()
@@ -177,7 +177,7 @@ impl Board {
             true => vec![seq, kind::POLL],
             false => [seq, kind].into_iter().chain(payload.iter().copied()).collect(),
         };
-        self.service.receive(received, &body, Millis(0), &mut self.model);
+        self.service.receive(received, &body, Millis(0), &mut self.model.side);
         if !is_next {
             let seen = &mut self.ledger.seen;
             let is_old = seq.wrapping_sub(self.ledger.expected) >= 0x80;
@@ -185,7 +185,7 @@ impl Board {
             seen.gap |= !is_frame || !is_old;
             if is_frame && is_old && kind == kind::EXTEND && mutation == Mutation::BoardForgetsLease {
                 let Lease::Until(previous) = self.ledger.previous else { return };
-                self.model.extend(lease::Lease::Until(Tick32::of(previous)), &[]);
+                self.model.side.extend(lease::Lease::Until(Tick32::of(previous)), &[]);
             }
             return;
         }
@@ -193,7 +193,7 @@ impl Board {
     }
 
     fn free(&self) -> Vec<u16> {
-        (0..).take(self.log.len()).map(|motor| self.model.free(motor)).collect()
+        (0..).take(self.log.len()).map(|motor| self.model.side.free(motor)).collect()
     }
 
     /// What the contract says of the frame that was next.
@@ -283,7 +283,7 @@ impl Board {
         let mut said = Vec::new();
         loop {
             let mut out = [0; MAX_FRAME + 1];
-            match self.service.poll(Millis(0), &mut self.model, &mut out) {
+            match self.service.poll(Millis(0), &mut self.model.side, &mut out) {
                 0 => return said,
                 len => said.push(out[..len].to_vec()),
             }

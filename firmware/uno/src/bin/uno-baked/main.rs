@@ -18,6 +18,7 @@ impl Program for ThisProgram {
     const IMAGE: u8 = 0;
     const PLANS: bool = true;
     const SHIELD_B: bool = false;
+    const THREE_LANES: bool = true;
 }
 
 // Steps come from records in the queues.
@@ -27,12 +28,12 @@ global_asm!(
     ".set source_load, steps_load_record",
     ".set source_due, steps_due",
     // How rings are filled: by one motor, and by motors that share DIR lines. Ring B of the shield is not supported here.
-    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
+    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_three",
     ".set ring_fill_one, one_motor_fill",
     ".set ring_fill_shared, shared_fill",
     ".set ring_fill_shield, steps_absent",
     ".set ring_fill_shield_b, steps_absent",
-    ".set ring_merge_shield, steps_absent",
+    ".set ring_merge_three, merge_three",
 );
 
 #[unsafe(no_mangle)]

@@ -21,12 +21,12 @@ global_asm!(
     ".set source_load, verbs_load",
     ".set source_due, verbs_due_soon",
     // How rings are filled: by one motor. Shared DIR lines and ring B of the shield are not supported here.
-    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
+    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_three",
     ".set ring_fill_one, one_motor_fill",
     ".set ring_fill_shared, steps_absent",
     ".set ring_fill_shield, steps_absent",
     ".set ring_fill_shield_b, steps_absent",
-    ".set ring_merge_shield, steps_absent",
+    ".set ring_merge_three, steps_absent",
 );
 
 static PROGRAM: Singleton<ThisProgram> = Singleton::new(ThisProgram);

@@ -21,12 +21,12 @@ global_asm!(
     ".set source_load, winch_load",
     ".set source_due, winch_due",
     // How rings are filled: four motors are merged into one ring, always.
-    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
+    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_three",
     ".set ring_fill_one, steps_absent",
     ".set ring_fill_shared, steps_absent",
     ".set ring_fill_shield, steps_absent",
     ".set ring_fill_shield_b, steps_absent",
-    ".set ring_merge_shield, steps_absent",
+    ".set ring_merge_three, steps_absent",
 );
 
 static PROGRAM: Singleton<ThisProgram> = Singleton::new(ThisProgram::new());

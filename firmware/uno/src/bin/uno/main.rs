@@ -19,6 +19,7 @@ impl Program for ThisProgram {
     const IMAGE: u8 = image::PLANS;
     const PLANS: bool = true;
     const LEASES: bool = true;
+    const THREE_LANES: bool = true;
     const POOL: usize = pulsetrain_core::boards::uno::QUEUE_BYTES;
 }
 
@@ -29,12 +30,12 @@ global_asm!(
     ".set source_load, load_leased",
     ".set source_due, steps_due",
     // How rings are filled: by one motor, by motors that share DIR lines, and on the shield, where the motor on PORTB has a ring of its own.
-    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_shield",
+    ".global ring_fill_one, ring_fill_shared, ring_fill_shield, ring_fill_shield_b, ring_merge_three",
     ".set ring_fill_one, one_motor_fill",
     ".set ring_fill_shared, shared_fill",
     ".set ring_fill_shield, shield_fill",
     ".set ring_fill_shield_b, shield_b_fill",
-    ".set ring_merge_shield, merge_shield",
+    ".set ring_merge_three, merge_three",
 );
 
 static PROGRAM: Singleton<ThisProgram> = Singleton::new(ThisProgram);

@@ -190,6 +190,16 @@ global_asm!(
     std Y+14, r11
     .endm
 
+    // What all but the fastest expansion, that of a ring, have in common: once in the image.
+    .section .text.steps_expand_common, "ax", @progbits
+expand_begin:                           // call                         3
+    expand_enter                        //                              55
+    ret                                 // 4                            59
+expand_end_changed:
+    expand_leave_add
+expand_end:
+    expand_leave
+
     .macro expander name, store, cruise, high_fixed=0
     .section .text.\name, "ax", @progbits
     .global \name
@@ -203,13 +213,13 @@ global_asm!(
     rjmp 10f
 9:
     .endif
-    expand_enter                        //                              52
+    call expand_begin                   //                              59
     .if \cruise
-    brne 8f                             // 2                            54
+    brne 8f                             // 2                            61
     rjmp 5f
     .endif
 8:  sbrs r20, 0                         // 2 when odd, 3 when even
-    rjmp 2f                             //                              57
+    rjmp 2f                             //                              64
 1:  advance_tick
     \store
     advance_interval
@@ -223,8 +233,8 @@ global_asm!(
     advance_interval
     subi r20, 2                         // 1
     brne 2b                             // 2: 3 for two steps
-3:  expand_leave_add                    //                              8
-4:  expand_leave                        //                              32
+3:  jmp expand_end_changed              // 3                            43
+4:  jmp expand_end                      // 3                            35
     .if \cruise
 5:  sbrs r20, 0
     rjmp 7f
@@ -473,7 +483,7 @@ steps_expand_ring:
     brcs .+2
     ldi r30, {START}
     .endm
-    expander steps_expand_shield_b, shield_b_store, 1, 1
+    expander steps_expand_shield_b, shield_b_store, 0
     expander steps_expand_ring_long, ring_store_long, 0
     expander steps_expand_list_long, list_store_long, 0
     "#,

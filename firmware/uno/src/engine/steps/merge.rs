@@ -22,10 +22,11 @@
 //! joins the last group, and is early by up to 54.
 //!
 //! # Sorted lanes
-//! Of four lanes the merge compares two pairs of heads, and then the earlier of each. Of three it knows the order: the code has a state for each of the 6
-//! orders. A lane whose head was taken mostly comes last next time, and one comparison tells. Only the shield's longer pulses have four lanes. With the
-//! short pulse the motor on PORTB has ring B ([`shield_b`](super::shield_b)). That ring is behind the lists, and the third list is half as long then;
-//! the code has states of their own for that.
+//! Of four lanes the merge compares two pairs of heads, and then the earlier of each; a lane without a motor has fillers. Of three it knows the order:
+//! the code has a state for each of the 6 orders. A lane whose head was taken mostly comes last next time, and one comparison tells. The third list is
+//! half as long then, as ring B of the shield is behind it if there is a fourth motor ([`shield_b`](super::shield_b)). Two motors, the shield's longer
+//! pulses, and pulses of two ticks take the way of four lanes; so do three in a program without these states
+//! ([`THREE_LANES`](crate::engine::program::Program::THREE_LANES)).
 //!
 //! # Cycles
 //! A step: 34 to 37 with four lanes, 31 to 33 with three, and 18.5 for its expansion. A list: 130, the plan, and the start and end of the expansion. A
@@ -41,7 +42,7 @@ use crate::engine::tuning::merge::{
 use core::arch::global_asm;
 use core::mem::offset_of;
 pub(crate) use state::Merge;
-use state::{LANE_SIZE, Lane, MOTORS, NONE, SHORT_LANE, SHORT_LIST};
+use state::{LANE_SIZE, Lane, NONE, SHORT_LANE, SHORT_LIST};
 
 /// Lanes. Those without a motor get fillers.
 pub(crate) const LANES: usize = 4;
@@ -148,14 +149,14 @@ global_asm!(
     ld r7, Z+
     mov r12, r30
     .endm
-    // The same while ring B of the shield is in use: the third list is shorter.
-    .macro advance_shield_0
+    // The same where the third list is shorter.
+    .macro advance_short_0
     advance_0
     .endm
-    .macro advance_shield_1
+    .macro advance_short_1
     advance_1
     .endm
-    .macro advance_shield_2
+    .macro advance_short_2
     sbrc r12, 5
     call merge_refill_2
     mov r30, r12
@@ -174,33 +175,29 @@ global_asm!(
     .endm
 
     // Lane a has the earliest head, c the latest. After a's head was taken, its next one is compared with c and b.   30
-    .macro merge_order_3 name, last, a, al, ah, ar, af, b, bl, bh, c, cl, ch
-\name\()_\a\()\b\()\c:
+    .macro merge_order_3 last, a, al, ah, ar, af, b, bl, bh, c, cl, ch
+three_\a\b\c:
     emit r\al, r\ah, r\ar, r\af, \a
-    .ifc \name, shield
-    advance_shield_\a
-    .else
-    advance_\a
-    .endif
+    advance_short_\a
     cp r\al, r\cl
     cpc r\ah, r\ch
     .if \last
     brmi 7f
-    rjmp \name\()_\b\()\c\()\a
+    rjmp three_\b\c\a
     .else
-    brpl \name\()_\b\()\c\()\a
+    brpl three_\b\c\a
     .endif
 7:  cp r\al, r\bl
     cpc r\ah, r\bh
-    brmi \name\()_\a\()\b\()\c
-    rjmp \name\()_\b\()\a\()\c
+    brmi three_\a\b\c
+    rjmp three_\b\a\c
     emit_before_deadline r\al, r\ah, r\ar, r\af, \a
     .endm
     // Three orders that follow each other as long as the lanes take turns.
-    .macro merge_turn_3 name, a, al, ah, ar, af, b, bl, bh, br, bf, c, cl, ch, cr, cf
-    merge_order_3 \name, 0, \a, \al, \ah, \ar, \af, \b, \bl, \bh, \c, \cl, \ch
-    merge_order_3 \name, 0, \b, \bl, \bh, \br, \bf, \c, \cl, \ch, \a, \al, \ah
-    merge_order_3 \name, 1, \c, \cl, \ch, \cr, \cf, \a, \al, \ah, \b, \bl, \bh
+    .macro merge_turn_3 a, al, ah, ar, af, b, bl, bh, br, bf, c, cl, ch, cr, cf
+    merge_order_3 0, \a, \al, \ah, \ar, \af, \b, \bl, \bh, \c, \cl, \ch
+    merge_order_3 0, \b, \bl, \bh, \br, \bf, \c, \cl, \ch, \a, \al, \ah
+    merge_order_3 1, \c, \cl, \ch, \cr, \cf, \a, \al, \ah, \b, \bl, \bh
     .endm
 
     // Goes to \late if \a comes after \b.
@@ -209,43 +206,13 @@ global_asm!(
     cpc r\ah, r\bh
     brpl \late
     .endm
-    // Finds the order of three lanes.
-    .macro merge_choose name
-    before 2, 3, 4, 5, 53f
-    before 4, 5, 6, 7, 51f
-    rjmp \name\()_012
-51: before 2, 3, 6, 7, 52f
-    rjmp \name\()_021
-52: rjmp \name\()_201
-53: before 2, 3, 6, 7, 54f
-    rjmp \name\()_102
-54: before 4, 5, 6, 7, 55f
-    rjmp \name\()_120
-55: rjmp \name\()_210
-    .endm
-    // Lane a (0 or 1) has the earlier head of the first two, lane b (2 or 3) of the others.        34 to 36
-    .macro merge_state name, a_low, a_high, a_at_tick, a_at_end, a, b_low, b_high, b_at_tick, b_at_end, b
-\name:
-    cp \a_low, \b_low                   // 1                            1
-    cpc \a_high, \b_high                // 1                            2
-    brmi .+2                            // 2, or 1 and 2                4 or 5
-    rjmp 6f
-    emit \a_low, \a_high, \a_at_tick, \a_at_end, \a //                    22
-    advance_\a                          //                              30
-    cp r2, r4                           // 1                            31
-    cpc r3, r5                          // 1                            32
-    brmi .+2                            // 2, or 1                      34
-    rjmp merge_1\b                      // 2                            35
-    rjmp merge_0\b                      // 2                            36
-    emit_before_deadline \a_low, \a_high, \a_at_tick, \a_at_end, \a
-6:  emit \b_low, \b_high, \b_at_tick, \b_at_end, \b //                    23
-    advance_\b                          //                              31 or 32
-    cp r6, r8
-    cpc r7, r9
-    brmi .+2
-    rjmp merge_\a\()3
-    rjmp merge_\a\()2                   //                              37
-    emit_before_deadline \b_low, \b_high, \b_at_tick, \b_at_end, \b
+    // Lane a has the earliest head of four.                                                        42 to 44
+    .macro merge_first a, al, ah, ar, af
+merge_first_\a:
+    emit r\al, r\ah, r\ar, r\af, \a    //                              18
+    advance_\a                          //                              26 or 27
+    rjmp merge_four                     // 2                            29
+    emit_before_deadline r\al, r\ah, r\ar, r\af, \a
     .endm
 
     .macro point_to_merge               //                              2
@@ -304,14 +271,11 @@ global_asm!(
     cpi r25, 4 * ({SHORT_RING_GROUPS} - {SHIELD_B_LOW_BELOW})
     brlo \enough
     .endm
-    // Corrects \end, the end of a list, if it is the third one and ring B of the shield is in use.
+    // Corrects \end, the end of a list, if it is the third one.
     .macro short_list_end end
     cpi \end, 2 * {LIST} * ({SHORT_LANE} + 1)
     brne 9f
-    sbis {FLAGS_IO}, {NOT_PLAIN_B}
-    rjmp 9f
-    sbic {FLAGS_IO}, {SHIELD_B}
-    ldi \end, {START}
+    lds \end, steps_merge+{THIRD_END}
 9:
     .endm
     .macro saved_registers what
@@ -403,40 +367,28 @@ steps_merge_run:
 4:  mov r30, r0
     load_masks                          // 20, and it uses r0
     mov r0, r30
-    lds r30, steps_merge+{MOTORS}
-    cpi r30, 4
-    brlo .+2
-    rjmp 56f
-    sbic {FLAGS_IO}, {NOT_PLAIN_B}
-    rjmp 57f
-58: merge_choose merge
+    lds r30, steps_merge+{THIRD_END}
+    sbrc r30, 5
+    jmp ring_merge_three
+merge_four:                             // the earlier of each pair, then the earlier of these     13 to 15
+    before 2, 3, 4, 5, 2f
+    before 6, 7, 8, 9, 1f
+    before 2, 3, 6, 7, merge_first_2
+    rjmp merge_first_0
+1:  before 2, 3, 8, 9, merge_first_3_far
+    rjmp merge_first_0
+2:  before 6, 7, 8, 9, 3f
+    before 4, 5, 6, 7, merge_first_2
+    rjmp merge_first_1
+3:  before 4, 5, 8, 9, merge_first_3_far
+    rjmp merge_first_1
+merge_first_3_far:
+    rjmp merge_first_3
 
-    merge_turn_3 merge, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
-    merge_turn_3 merge, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
-
-57: sbis {FLAGS_IO}, {SHIELD_B}
-    rjmp 58b
-    jmp ring_merge_shield
-
-56:
-    cp r2, r4
-    cpc r3, r5
-    brmi 2f
-    cp r6, r8
-    cpc r7, r9
-    brmi 1f
-    rjmp merge_13
-1:  rjmp merge_12
-2:  cp r6, r8
-    cpc r7, r9
-    brmi 3f
-    rjmp merge_03
-3:  rjmp merge_02                       //                              106
-
-    merge_state merge_02, r2, r3, r14, r15, 0, r6, r7, r22, r23, 2
-    merge_state merge_03, r2, r3, r14, r15, 0, r8, r9, r28, r29, 3
-    merge_state merge_12, r4, r5, r20, r21, 1, r6, r7, r22, r23, 2
-    merge_state merge_13, r4, r5, r20, r21, 1, r8, r9, r28, r29, 3
+    merge_first 2, 6, 7, 22, 23
+    merge_first 0, 2, 3, 14, 15
+    merge_first 1, 4, 5, 20, 21
+    merge_first 3, 8, 9, 28, 29
 
     // Publishes what has been put into the ring. Uses r24, r25, Y.                                 24
 merge_publish:
@@ -607,19 +559,29 @@ merge_exit:
     brne .+2
     ret
 
-    // Three lanes while ring B of the shield is in use: states of their own, because the third list is shorter.
-    .section .text.merge_shield, "ax", @progbits
-    .global merge_shield
-merge_shield:
-    merge_choose shield
-    merge_turn_3 shield, 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
-    merge_turn_3 shield, 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
+    // Three lanes with the short third list: states of their own.
+    .section .text.merge_three, "ax", @progbits
+    .global merge_three
+merge_three:
+    // Finds the order of the lanes.
+    before 2, 3, 4, 5, 53f
+    before 4, 5, 6, 7, 51f
+    rjmp three_012
+51: before 2, 3, 6, 7, 52f
+    rjmp three_021
+52: rjmp three_201
+53: before 2, 3, 6, 7, 54f
+    rjmp three_102
+54: before 4, 5, 6, 7, 55f
+    rjmp three_120
+55: rjmp three_210
+    merge_turn_3 0, 2, 3, 14, 15, 1, 4, 5, 20, 21, 2, 6, 7, 22, 23
+    merge_turn_3 0, 2, 3, 14, 15, 2, 6, 7, 22, 23, 1, 4, 5, 20, 21
     "#,
     LANE0 = const 0,
     LANE1 = const LANE_SIZE,
     LANE2 = const 2 * LANE_SIZE,
     LANE3 = const 3 * LANE_SIZE,
-    MOTORS = const MOTORS,
     AT_TICK = const offset_of!(Lane, masks) + offset_of!(Group, at_tick),
     AT_END = const offset_of!(Lane, masks) + offset_of!(Group, at_end),
     HEAD = const offset_of!(Lane, head),
@@ -636,6 +598,7 @@ merge_shield:
     LISTS = const offset_of!(Merge, lists_left),
     LANE_SIZE = const LANE_SIZE,
     EMPTY_LANE = const offset_of!(Merge, empty_lane),
+    THIRD_END = const offset_of!(Merge, third_end),
     NONE = const NONE,
     RING = const offset_of!(Stepper, tracks) + offset_of!(Track, ring),
     RING_HEAD = const offset_of!(Ring, head),

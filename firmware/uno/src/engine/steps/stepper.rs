@@ -314,7 +314,8 @@ impl Stepper {
         if self.merging
             && let Some(merge) = &mut self.merge
         {
-            merge.begin(self.tracks[0].ring.name(), merged, shield_b, spacing, low_half(first.0));
+            let kinds = (shield_b, !self.timing.two_groups);
+            merge.begin(self.tracks[0].ring.name(), merged, kinds, spacing, low_half(first.0));
         }
         for index in 0..self.count {
             let motor = self.motor(index);

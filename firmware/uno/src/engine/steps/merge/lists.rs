@@ -1,6 +1,7 @@
 //! The lists: filled when they are used up, topped up before that.
 
-use super::{LANE_SIZE, LIST, Lane, MOTORS, Merge, SHORT_LANE, SHORT_LIST};
+use super::state::MOTORS;
+use super::{LANE_SIZE, LIST, Lane, Merge, SHORT_LANE, SHORT_LIST};
 use crate::engine::steps::motor::{HIGH_FIXED, Motor, flag};
 use crate::engine::steps::plan::prechecked_steps;
 use crate::engine::steps::register;
@@ -163,9 +164,8 @@ merge_fill_list:
     lds r25, steps_times+{MAX_STEPS}
     cpi r30, {SHORT_LANE}
     brne 8f
-    sbis {FLAGS_IO}, {NOT_PLAIN_B}
-    rjmp 8f
-    sbic {FLAGS_IO}, {SHIELD_B}
+    lds r31, steps_merge+{THIRD_END}
+    sbrc r31, 5
     ldi r25, {SHORT_LIST}
 8:  cp r24, r25
     brlo .+2
@@ -174,9 +174,8 @@ merge_fill_list:
     rjmp 7f
 6:  cpi r30, {SHORT_LANE}
     brne 6f
-    sbis {FLAGS_IO}, {NOT_PLAIN_B}
-    rjmp 6f
-    sbis {FLAGS_IO}, {SHIELD_B}
+    lds r31, steps_merge+{THIRD_END}
+    sbrs r31, 5
     rjmp 6f
     ldi r24, {SHORT_LIST}
     sts steps_times+{MAX_STEPS}, r24
@@ -268,6 +267,7 @@ merge_fill_list:
     TAIL = const offset_of!(Merge, tail),
     LISTS = const offset_of!(Merge, lists_left),
     LANE_SIZE = const LANE_SIZE,
+    THIRD_END = const offset_of!(Merge, third_end),
     MOTOR_SIZE = const size_of::<Motor>(),
     STEP = const offset_of!(Motor, step),
     STEP_END = const offset_of!(Motor, step_end),
@@ -275,7 +275,6 @@ merge_fill_list:
     GROUPS = const GROUPS,
     FLAGS_IO = const register::GPIOR0,
     NOT_PLAIN_B = const flags::NOT_PLAIN_B,
-    SHIELD_B = const flags::SHIELD_B,
     SHORT_LANE = const SHORT_LANE,
     SHORT_LIST = const SHORT_LIST,
     BATCH_STEPS = const BATCH_STEPS,

@@ -1,6 +1,8 @@
 //! The state of the merge, where the assembly finds it.
 
 use super::{LANES, LIST};
+use crate::ThisProgram;
+use crate::engine::program::Program;
 use crate::engine::steps::register;
 use crate::engine::steps::ring::{END_A, END_B, Group, RingName, SHORT_RING_START};
 use crate::engine::tuning::merge::{LIST_LOW_OF_MORE, LIST_LOW_OF_SHIELD, LIST_LOW_OF_TWO, MAX_DELAY_SHIELD};
@@ -46,8 +48,8 @@ pub(crate) struct Merge {
     pub(super) empty_lane: u8,
     /// How many motors are merged.
     pub(super) motors: u8,
-    /// Ring B of the shield is behind the lists.
-    pub(super) shield_b: bool,
+    /// Where the third list ends: low byte of the address after it. Bit 5 says that the list is [short](SHORT_LIST).
+    pub(super) third_end: u8,
 }
 
 pub(super) const LANE_SIZE: usize = size_of::<Lane>();
@@ -73,10 +75,10 @@ static mut MERGE: Merge = Merge {
     list_low: 0,
     empty_lane: 0,
     motors: 0,
-    shield_b: false,
+    third_end: 0,
 };
 
-/// The lane whose list is shorter while ring B of the shield is in use, and the ticks that the list holds then.
+/// The lane whose list is shorter while three lanes are merged in a known order, and the ticks that the list holds then.
 pub(super) const SHORT_LANE: u8 = 2;
 pub(super) const SHORT_LIST: u8 = (SHORT_RING_START - SHORT_LANE * 2 * LIST) / 2;
 
@@ -93,8 +95,8 @@ impl Merge {
 
     /// Where the list of `lane` ends: low byte of the address after it.
     fn end_of(&self, lane: u8) -> u8 {
-        if self.shield_b && lane == SHORT_LANE {
-            return SHORT_RING_START;
+        if lane == SHORT_LANE {
+            return self.third_end;
         }
         (lane + 1).wrapping_mul(2 * LIST)
     }
@@ -106,16 +108,19 @@ impl Merge {
         (self.end_of(lane).wrapping_sub(entry.next) / 2 + head, entry.masks)
     }
 
-    /// Starts: every lane has a filler at `first` (the low 16 bits of a tick). `shield_b`: ring B of the shield is behind the lists.
+    /// Starts: every lane has a filler at `first` (the low 16 bits of a tick). `shield_b`: ring B of the shield is behind the lists. `plain`: pulses are
+    /// of one tick.
     ///
     /// Groups will be at least `spacing` ticks apart (W).
-    pub(crate) fn begin(&mut self, name: RingName, motors: u8, shield_b: bool, spacing: u8, first: u16) {
+    pub(crate) fn begin(&mut self, name: RingName, motors: u8, (shield_b, plain): (bool, bool), spacing: u8, first: u16) {
         let (end, tail) = match name {
             RingName::A => (END_A, register::OCR0A),
             RingName::B => (END_B, register::OCR0B),
         };
         self.spacing = spacing;
-        (self.motors, self.shield_b) = (motors, shield_b);
+        self.motors = motors;
+        let in_order = ThisProgram::THREE_LANES && motors < 4 && plain;
+        self.third_end = if in_order { SHORT_RING_START } else { 2 * LIST * (SHORT_LANE + 1) };
         self.half = if shield_b { MAX_DELAY_SHIELD } else { spacing / 2 };
         self.end = end;
         self.tail = tail + 0x20;
@@ -149,8 +154,6 @@ impl Merge {
             next = next.wrapping_add(2 * LIST);
             *lane = Lane { masks: Group::NOTHING, head: first, next };
         }
-        if self.shield_b {
-            self.lanes[usize::from(SHORT_LANE)].next = SHORT_RING_START;
-        }
+        self.lanes[usize::from(SHORT_LANE)].next = self.third_end;
     }
 }
