@@ -3,6 +3,7 @@
 //! Users run the committed image. It is small, and it contains no path, so the same toolchain makes the same bytes on
 //! any machine.
 
+mod bytes;
 pub(crate) mod pico;
 
 use crate::command::{Done, Failure, command, output, root, run, target_dir};
@@ -38,6 +39,8 @@ struct Built {
     /// Its image and its map of symbols, with their paths in the repository.
     files: [(String, String); 2],
     size: Size,
+    /// Bytes of flash by module.
+    bytes: bytes::Bytes,
 }
 
 /// Builds the Uno's firmware, prints its sizes, and writes the committed images.
@@ -56,7 +59,8 @@ pub(crate) fn uno() -> Done {
 pub(crate) fn sizes(before: Option<&str>) -> Done {
     let built = built_uno()?;
     let before = before.map(lines_at).transpose()?;
-    print!("{}\n{}", table(&built), lines_table(&lines_now()?, before.as_ref()));
+    let bytes: Vec<_> = built.iter().map(|built| (built.name, built.bytes.clone())).collect();
+    print!("{}\n{}\n{}", table(&built), bytes::table(&bytes), lines_table(&lines_now()?, before.as_ref()));
     has_room(&built)
 }
 
@@ -124,6 +128,12 @@ fn lines_table(now: &Lines, before: Option<&Lines>) -> String {
     text
 }
 
+/// The modules with their texts.
+fn sources() -> Done<Vec<(String, String)>> {
+    let files = output(command("git").args(["ls-files", SOURCES]))?;
+    files.lines().map(|path| Ok((module(path.trim_start_matches(SOURCES)), read(root().join(path))?))).collect()
+}
+
 fn read(path: PathBuf) -> Done<String> {
     fs::read_to_string(&path).map_err(|why| Failure::File { path, why })
 }
@@ -153,14 +163,16 @@ fn built_uno() -> Done<Vec<Built>> {
         .current_dir(root().join("firmware/uno"))
         .args(["build", "--release", "--locked", "-Zbuild-std=core", "--target-dir"])
         .arg(&built))?;
+    let sources = sources()?;
     let program = |name: &'static str| -> Done<Built> {
         let elf = built.join(format!("avr-none/release/{name}.elf"));
         let sections = output(command("avr-size").arg("-A").arg(&elf))?;
         let image = built.join(format!("{name}.hex"));
         run(command("avr-objcopy").args(["-O", "ihex", "-R", ".eeprom"]).arg(&elf).arg(&image))?;
-        let symbols = symbols(&output(command("avr-nm").arg("-n").arg(&elf))?);
+        let said = output(command("avr-nm").arg("-n").arg(&elf))?;
+        let (symbols, bytes) = (symbols(&said), bytes::by_module(&said, &sources));
         let files = [(format!("{IMAGES}/{name}.hex"), read(image)?), (format!("{TEST_DATA}/{name}.sym"), symbols)];
-        Ok(Built { name, files, size: Size::of(&sections)? })
+        Ok(Built { name, files, size: Size::of(&sections)?, bytes })
     };
     PROGRAMS.into_iter().map(program).collect()
 }
@@ -309,7 +321,7 @@ mod tests {
     }
 
     fn built(code: u64) -> [Built; 1] {
-        [Built { name: "uno", files: Default::default(), size: sections(code) }]
+        [Built { name: "uno", files: Default::default(), size: sections(code), bytes: bytes::Bytes::new() }]
     }
 
     #[test]

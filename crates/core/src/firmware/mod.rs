@@ -9,7 +9,7 @@
 //!
 //! # What is not
 //! Ports, frames on the line, and the main loop are each firmware's own. The Uno has a [`BoardSide`](crate::wire::BoardSide) of its own, for
-//! want of flash; it shares the enable line and the events.
+//! want of flash and RAM: 32-bit ticks of events, assembly that reads the frames of plans, orders in another form.
 
 pub mod board;
 pub mod enable;

@@ -24,7 +24,7 @@ use pulsetrain_motion::human;
 #[derive(Args, Debug)]
 #[command(after_help = "\
 An Uno, or a Nano with the newer bootloader, is programmed through its bootloader at 115200 baud. The older bootloader \
-of Nanos (57600 baud) is larger and leaves no room for the firmware.
+of Nanos (57600 baud) is larger; the firmware fits before it, too.
 
 A Pico shows up as a drive if you hold BOOTSEL while you plug it in. The firmware is copied to that drive. It is found \
 without --port; --port names another.

@@ -253,7 +253,17 @@ mod chips {
         tried(|| says(&["info", "--port", &link], "board Arduino Uno"));
     }
 
-    /// The older bootloader with its own rate. An image that is too large for it is refused, with advice.
+    /// A program of so many bytes, as Intel HEX.
+    fn program(bytes: u16) -> String {
+        let row = |at: u16| {
+            let fields = [16, at.to_be_bytes()[0], at.to_be_bytes()[1], 0];
+            let sum = fields.iter().fold(0u8, |sum, byte| sum.wrapping_add(*byte));
+            format!(":10{at:04X}00{}{:02X}\n", "00".repeat(16), sum.wrapping_neg())
+        };
+        (0..bytes).step_by(16).map(row).chain([":00000001FF\n".to_owned()]).collect()
+    }
+
+    /// The older bootloader with its own rate: the firmware fits. An image that is too large for it is refused, with advice.
     #[test]
     fn flash_falls_back_to_the_older_bootloaders_rate() {
         const OLD: &str = "/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega/ATmegaBOOT_168_atmega328.hex";
@@ -264,8 +274,10 @@ mod chips {
         let image = folder.path("small.hex");
         assert_eq!(pulsetrain(&["bake", motion, "--output", &image]).0, Exit::Success);
         tried(|| says(&["flash", "uno", "--json", "--port", &link, "--image", &image], "\"baud\": 57600"));
+        tried(|| says(&["flash", "uno", "--json", "--port", &link], "\"baud\": 57600"));
+        std::fs::write(&image, program(30_736)).unwrap();
         tried(|| {
-            let (exit, _, err) = pulsetrain(&["flash", "uno", "--port", &link]);
+            let (exit, _, err) = pulsetrain(&["flash", "uno", "--port", &link, "--image", &image]);
             let told = err.contains("of 57600 baud there is room for 30720") && err.contains("burn Optiboot");
             if exit == Exit::Refused && told { Ok(()) } else { Err(err) }
         });

@@ -252,7 +252,7 @@ fn the_stop_is_as_it_is_replayed() {
     let mut ends = Ends::default();
     let mut failed = Vec::new();
     for pins in &ALL {
-        for seed in seeds(1, 8) {
+        for seed in seeds(1, 16) {
             println!("{}, seed {seed}", pins.name);
             if std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| run(pins, seed, &mut ends))).is_err() {
                 failed.push((pins.name, seed));
