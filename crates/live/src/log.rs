@@ -10,8 +10,9 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use crate::command::Batch;
+use crate::event::RunEvent;
 use crate::setpoints::FileTexts;
-use crate::{Batch, RunEvent};
 
 /// The version of these lines.
 pub const VERSION: u32 = 1;

@@ -13,9 +13,12 @@ use pulsetrain_report::positions::{start, typed};
 use pulsetrain_session::control::{Ended, Status};
 use pulsetrain_session::drive::{DriveError, Driven};
 
+use crate::command::RunCommand;
 use crate::command_queue::{CommandQueue, CommandSource, MAX_MERGED_COMMANDS};
+use crate::event::RunEvent;
+use crate::live_run::{LiveRun, SuspendedRun};
 use crate::log::{LogEntry, text_hash};
-use crate::{LiveRun, LiveSetpoints, RunCommand, RunEvent, SuspendedRun};
+use crate::setpoints::LiveSetpoints;
 
 /// How long the loop waits for commands, at most, before it looks for a lost board again.
 const BOARD_LOOK: Duration = Duration::from_millis(300);

@@ -136,6 +136,7 @@ where
 
     // From here on the motors move under a lease: if the cable is pulled, they brake within their limits from its end.
     let proof = prepared.prove_first(|_| {})?;
+    // The motion is endless: what comes later is proven while it runs.
     let driven = Driven::at(&prepared, port, Baud::B1M)?.proving(&prepared, proof.until_s)?;
     setpoints.set_up(&prepared.program);
     let live = LiveRun::new(driven, setpoints, true);
@@ -154,15 +155,20 @@ where
         }
     };
     let at_rest = motor_positions(&prepared.program, &ended.counted, &[]).remove(0);
-    println!("at rest: {at_rest}");
     let rehearsal_passed = rehearsed.report.pass;
     Ok(Outcome { rehearsal_passed, events: heard.events, at_rest, counted: ended.counted[0], edges })
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    match std::env::args().nth(1) {
+    let outcome = match std::env::args().nth(1) {
         Some(port) => swing(Serial::open(&port, false)?)?,
         None => swing(VirtualUno::new())?,
     };
+    let Outcome { rehearsal_passed, events, at_rest, counted, edges } = outcome;
+    let passed = if rehearsal_passed { "passed" } else { "failed" };
+    println!(
+        "the rehearsal {passed}; {} events, {edges} edges; {at_rest}, {counted} steps from the start",
+        events.len()
+    );
     Ok(())
 }
