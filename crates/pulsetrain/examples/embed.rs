@@ -138,11 +138,12 @@ where
     let proof = prepared.prove_first(|_| {})?;
     // The motion is endless: what comes later is proven while it runs.
     let driven = Driven::at(&prepared, port, Baud::B1M)?.proving(&prepared, proof.until_s)?;
+    let step_line = driven.lines.iter().position(|line| line.names.iter().any(|name| name == "pendulum.step"));
     setpoints.set_up(&prepared.program);
     let live = LiveRun::new(driven, setpoints, true);
     let mut player = Player::new(live, Box::new(SaysGoodbye), PlayerOptions::default());
     let (mut commands, mut heard, mut edges) = (Commands::default(), Heard::default(), 0);
-    let mut on_pins = |edge: Edge| edges += u64::from(edge.line == 8);
+    let mut on_pins = |edge: Edge| edges += u64::from(Some(usize::from(edge.line)) == step_line);
     let speed = RunCommand::Set { knob: "speed".to_owned(), value: KnobValue::Text("2 Hz".to_owned()) };
     let mut script = VecDeque::from([(TURNED_S, speed), (STOPPED_S, RunCommand::Stop)]);
     let ended = loop {
