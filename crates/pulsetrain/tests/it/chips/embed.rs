@@ -21,6 +21,6 @@ fn the_example_swings_faster_when_its_knob_is_turned_and_stops() {
     // The board counted what it made, and every edge of its pins was seen: half a swing of 400 steps at 0.5 Hz, and then four there and back at 2 Hz. It
     // brakes on beyond the swing for some steps at most.
     assert_eq!(ended.counted, [outcome.counted]);
-    assert!((6400..8000).contains(&outcome.edges) && outcome.edges % 2 == 0, "{} edges", outcome.edges);
+    assert!((6400..8000).contains(&outcome.edges) && outcome.edges.is_multiple_of(2), "{} edges", outcome.edges);
     assert!((-30..=430).contains(&outcome.counted), "{outcome:?}");
 }
