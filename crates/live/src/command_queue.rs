@@ -8,7 +8,8 @@ use std::time::Duration;
 
 use pulsetrain_motion::machine::Kinematics;
 
-use crate::{Batch, LiveSetpoints, RunCommand};
+use crate::command::{Batch, RunCommand};
+use crate::setpoints::LiveSetpoints;
 
 /// Commands that become one change, at most.
 pub const MAX_MERGED_COMMANDS: usize = 32;

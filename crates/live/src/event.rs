@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use pulsetrain_session::control::{Ended, Event, Positions, Status};
 
-use crate::RunCommand;
+use crate::command::RunCommand;
 
 /// An event of a motion that runs. Those of its session come first, and those of a live motion follow. Times are seconds from the begin of the motion.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

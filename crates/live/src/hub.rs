@@ -8,7 +8,10 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use crate::{Batch, ControlState, RunCommand, RunEnded, RunEvent, RunInfo, RunLine};
+use crate::command::{Batch, RunCommand};
+use crate::event::RunEvent;
+use crate::run_info::RunInfo;
+use crate::run_line::{ControlState, RunEnded, RunLine};
 
 /// Clients of a kind at a time. Each kind has places of its own, so that `pulsetrain stop` finds one however many pages are open.
 pub const MAX_CLIENTS: usize = 16;

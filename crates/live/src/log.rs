@@ -11,8 +11,9 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use crate::input_line::{InputLine, next_line};
+use crate::command::Batch;
+use crate::event::RunEvent;
 use crate::setpoints::FileTexts;
-use crate::{Batch, RunEvent};
 
 /// The longest line of a log, bytes: one with a motion file and the tables that it names.
 pub const MAX_LOG_LINE_BYTES: u64 = 200_000_000;

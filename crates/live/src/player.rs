@@ -13,9 +13,12 @@ use pulsetrain_report::positions::{start, typed};
 use pulsetrain_session::control::{Ended, Status};
 use pulsetrain_session::drive::{DriveError, Driven};
 
+use crate::command::RunCommand;
 use crate::command_queue::{CommandQueue, CommandSource, MAX_MERGED_COMMANDS};
+use crate::event::RunEvent;
+use crate::live_run::{LiveRun, SuspendedRun};
 use crate::log::{LogEntry, text_hash};
-use crate::{LiveRun, LiveSetpoints, RunCommand, RunEvent, SuspendedRun};
+use crate::setpoints::LiveSetpoints;
 
 /// How long the loop waits for commands, at most, before it looks for a lost board again.
 const BOARD_LOOK: Duration = Duration::from_millis(300);
@@ -326,7 +329,9 @@ impl<B: Leased> Player<B> {
             let Some(batch) = queue.next(source, wait, run.setpoints()) else { break };
             taken += 1;
             let tick = run.now();
-            log.line(host, tick, LogEntry::Asked(batch.clone()));
+            if log.is_wanted {
+                log.line(host, tick, LogEntry::Asked(batch.clone()));
+            }
             let mut has_file = false;
             for command in &batch.commands {
                 if let RunCommand::Motion { files, .. } = command {
@@ -442,7 +447,9 @@ impl<B: Leased> Player<B> {
         let mut wait = BOARD_LOOK;
         while let Some(batch) = self.queue.next_without_board(source, wait) {
             wait = Duration::ZERO;
-            self.log.line(host, 0, LogEntry::Asked(batch.clone()));
+            if self.log.is_wanted {
+                self.log.line(host, 0, LogEntry::Asked(batch.clone()));
+            }
             for command in batch.commands {
                 match command {
                     stop if stop.is_stop() => {

@@ -11,7 +11,8 @@ use pulsetrain_motion::program::Program;
 use pulsetrain_report::plan_report::max_speed;
 use pulsetrain_report::positions::start;
 
-use crate::run_line::VERSION;
+/// The protocol's version. It changes when a client of an older version could misread a line.
+pub const VERSION: u32 = 1;
 
 /// The first line of a run: what it is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]

@@ -7,10 +7,10 @@ use serde_json::Value;
 use pulsetrain_report::positions::MotorPosition;
 use pulsetrain_session::control::Command;
 
-use crate::{Batch, RunCommand, RunEvent, RunInfo};
-
-/// The protocol's version. It changes when a client of an older version could misread a line.
-pub const VERSION: u32 = 1;
+use crate::command::{Batch, RunCommand};
+use crate::event::RunEvent;
+use crate::run_info::RunInfo;
+pub use crate::run_info::VERSION;
 
 /// The longest line of a client, bytes, its end included.
 pub const MAX_LINE_BYTES: usize = 4096;

@@ -7,7 +7,7 @@ use jiff::civil::{Date, Weekday, time};
 use jiff::{SignedDuration, ZonedDateTime};
 use pulsetrain_motion::file::{Live, Period, RestPlace, TimeOfDay};
 
-use crate::RunCommand;
+use crate::command::RunCommand;
 
 /// What should be so at a time.
 #[derive(Clone, Debug, PartialEq)]

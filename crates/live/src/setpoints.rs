@@ -14,7 +14,8 @@ use pulsetrain_motion::quantity::{Quantity, nearest};
 use pulsetrain_motion::{Law, Time};
 use pulsetrain_session::prepare::Prepared;
 
-use crate::{KnobInfo, KnobValue};
+use crate::command::KnobValue;
+use crate::run_info::KnobInfo;
 use pulsetrain_report::positions::{START, check_range, example_position, start};
 
 /// The files that a motion file names, by the names that it gives them.

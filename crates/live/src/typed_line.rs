@@ -2,7 +2,7 @@
 
 use pulsetrain_motion::quantity::Quantity;
 
-use crate::{KnobValue, RunCommand};
+use crate::command::{KnobValue, RunCommand};
 
 /// What a line asks for.
 #[derive(Clone, Debug, PartialEq)]

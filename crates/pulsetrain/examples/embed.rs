@@ -136,12 +136,14 @@ where
 
     // From here on the motors move under a lease: if the cable is pulled, they brake within their limits from its end.
     let proof = prepared.prove_first(|_| {})?;
+    // The motion is endless: what comes later is proven while it runs.
     let driven = Driven::at(&prepared, port, Baud::B1M)?.proving(&prepared, proof.until_s)?;
+    let step_line = driven.lines.iter().position(|line| line.names.iter().any(|name| name == "pendulum.step"));
     setpoints.set_up(&prepared.program);
     let live = LiveRun::new(driven, setpoints, true);
     let mut player = Player::new(live, Box::new(SaysGoodbye), PlayerOptions::default());
     let (mut commands, mut heard, mut edges) = (Commands::default(), Heard::default(), 0);
-    let mut on_pins = |edge: Edge| edges += u64::from(edge.line == 8);
+    let mut on_pins = |edge: Edge| edges += u64::from(Some(usize::from(edge.line)) == step_line);
     let speed = RunCommand::Set { knob: "speed".to_owned(), value: KnobValue::Text("2 Hz".to_owned()) };
     let mut script = VecDeque::from([(TURNED_S, speed), (STOPPED_S, RunCommand::Stop)]);
     let ended = loop {
@@ -154,15 +156,20 @@ where
         }
     };
     let at_rest = motor_positions(&prepared.program, &ended.counted, &[]).remove(0);
-    println!("at rest: {at_rest}");
     let rehearsal_passed = rehearsed.report.pass;
     Ok(Outcome { rehearsal_passed, events: heard.events, at_rest, counted: ended.counted[0], edges })
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
-    match std::env::args().nth(1) {
+    let outcome = match std::env::args().nth(1) {
         Some(port) => swing(Serial::open(&port, false)?)?,
         None => swing(VirtualUno::new())?,
     };
+    let Outcome { rehearsal_passed, events, at_rest, counted, edges } = outcome;
+    let passed = if rehearsal_passed { "passed" } else { "failed" };
+    println!(
+        "the rehearsal {passed}; {} events, {edges} edges; {at_rest}, {counted} steps from the start",
+        events.len()
+    );
     Ok(())
 }

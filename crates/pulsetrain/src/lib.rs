@@ -55,8 +55,7 @@
 //! - [`schema`]: JSON Schemas of what is printed
 //! - [`midi`]: MIDI for a live motion
 //! - [`osc`]: Open Sound Control for a live motion
-//! - [`live`]: motions that are changed while they run: knobs, cues, a watched file, logs
-//! - [`control_socket`]: a run's hub of clients, and its socket for `stop`, `status` and other programs
+//! - [`control_socket`]: a run's hub of clients with their threads, and its socket for `stop`, `status` and other programs
 //! - [`page`]: a page in the browser for a motion that runs
 //! - [`serve`]: virtual boards in real time, for any serial client
 //! - [`winch`]: StepperWinch's text protocol: scripts, and a console
@@ -64,6 +63,7 @@
 //! # The crates below
 //! - [`motion`]: motion files, laws, drivers, limits of boards; [`plan`]: laws to segments, with a proof
 //! - [`board`]: boards and links; [`session`]: a program, streamed into a board; [`trace`]: edges, and the verdict on them
+//! - [`live`]: motions that are changed while they run: commands and events, knobs, cues, clients, logs, and the loop
 //! - [`report`]: a run from its program to its verdict, JSON, text and files, as one call; [`bake`]: standalone images and sketches;
 //!   [`plot`]: pictures
 #![cfg_attr(test, allow(clippy::disallowed_methods, reason = "what tests compute may differ in the last digit"))]

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
 
 /// Each crate of ours, and the crates of ours that it may depend on. Tests and benches count, except [`IN_TESTS`].
-const MAY_KNOW: [(&str, &[&str]); 15] = [
+const MAY_KNOW: [(&str, &[&str]); 16] = [
     ("pulsetrain-core", &[]),
     ("pulsetrain-motion", &["pulsetrain-core"]),
     ("pulsetrain-plan", &["pulsetrain-core", "pulsetrain-motion"]),
@@ -42,12 +42,15 @@ const MAY_KNOW: [(&str, &[&str]); 15] = [
             "pulsetrain-trace",
         ],
     ),
+    // Doors such as the socket, OSC and the page are above it.
+    ("pulsetrain-live", &["pulsetrain-board", "pulsetrain-motion", "pulsetrain-report", "pulsetrain-session"]),
     (
         "pulsetrain",
         &[
             "pulsetrain-bake",
             "pulsetrain-board",
             "pulsetrain-core",
+            "pulsetrain-live",
             "pulsetrain-motion",
             "pulsetrain-plan",
             "pulsetrain-plot",

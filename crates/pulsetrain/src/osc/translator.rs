@@ -110,7 +110,6 @@ const BUNDLE: &[u8] = b"#bundle\0";
 /// ```
 /// use pulsetrain::live::RunCommand;
 /// use pulsetrain::osc::{Now, OscInfo, Translator};
-/// use pulsetrain::session::control::Command;
 /// let mut translator = Translator::new(OscInfo::default(), None);
 /// let now = Now::read();
 /// let translation = translator.packet(b"/pause\0\0,\0\0\0", "127.0.0.1:5000".parse().unwrap(), now);

@@ -735,6 +735,25 @@ fn a_changed_speed_goes_on_with_another_session() {
     stage.check_limits();
 }
 
+/// The board is lost again before its motors have begun to join the motion: they join it when it is back.
+#[test]
+fn motors_join_the_motion_though_their_board_was_lost_twice() {
+    let mut stage = native(TEXT);
+    stage.run(1.3);
+    let (_, suspended) = stage.show.suspend();
+    let (_, mut prepared) = staged(TEXT);
+    prepared.program = suspended.setpoints().resting_at(&[20.0, 20.0]).unwrap();
+    let again = suspended.rejoin_on(Driven::native(&prepared).unwrap(), &prepared.program, 1.0);
+    let (_, suspended) = again.suspend();
+    let driven = Driven::native(&prepared).unwrap();
+    let mut stage = Stage::new(suspended.rejoin_on(driven, &prepared.program, 1.0));
+    let RunEvent::Rejoined { times, until_s, .. } = stage.answer() else { panic!("it joins again") };
+    assert_eq!(times, 2);
+    stage.run(until_s - stage.now_s() + 0.1);
+    assert_ne!(swing(&mut stage, 0, 1.0), (0, 0));
+    stage.stop();
+}
+
 #[test]
 fn somebody_says_where_motors_stand() {
     let setpoints = staged(TEXT).0;

@@ -10,10 +10,11 @@ use pulsetrain_session::control::{Command, Ended};
 use pulsetrain_session::drive::DriveError;
 use pulsetrain_session::fade::Change;
 
-use crate::live_run::{Caller, LiveRun, THE_MOTION, change_to, is_set_again, refusal};
-use crate::nearest::Nearest;
+use super::nearest::Nearest;
+use super::{Caller, LiveRun, THE_MOTION, change_to, is_set_again, refusal};
+use crate::command::{KnobValue, RunCommand};
+use crate::event::RunEvent;
 use crate::setpoints::{ChangeRefusal, FileTexts, KnobMove, LiveSetpoints, NoMotion};
-use crate::{KnobValue, RunCommand, RunEvent};
 
 /// If the reader refuses a larger value of a knob, this one is looked at in its place: it is farther than any motor goes.
 const MAX_KNOB_VALUE: f64 = 1e9;

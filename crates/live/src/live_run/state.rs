@@ -3,7 +3,8 @@
 use pulsetrain_motion::Time;
 use pulsetrain_session::fade::Shift;
 
-use crate::{RunCommand, RunEvent};
+use crate::command::RunCommand;
+use crate::event::RunEvent;
 
 /// What the motors do. [`Running`](RunState::Running), [`Paused`](RunState::Paused) and [`Parked`](RunState::Parked) last until a client asks for something
 /// else. The other states end by themselves, and know what was so before.

@@ -14,10 +14,19 @@ use pulsetrain_session::control::{Command, Ended, Event, Knowledge};
 use pulsetrain_session::drive::{DriveError, Driven};
 use pulsetrain_session::fade::{Begins, Change};
 
-use crate::gather::Interruption;
-use crate::held::{HeldCommands, MAX_TIMED, Timed};
-use crate::state::{Joining, LawPoint, RunState};
-use crate::{Batch, LiveSetpoints, RunCommand, RunEvent};
+use crate::command::{Batch, RunCommand};
+use crate::event::RunEvent;
+use crate::setpoints::LiveSetpoints;
+use gather::Interruption;
+use held::{HeldCommands, MAX_TIMED, Timed};
+use state::{Joining, LawPoint, RunState};
+pub use suspended::SuspendedRun;
+
+mod gather;
+mod held;
+mod nearest;
+mod state;
+mod suspended;
 
 /// Takes events.
 pub type Publish<'a> = &'a mut dyn FnMut(RunEvent);

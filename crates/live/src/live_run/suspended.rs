@@ -6,10 +6,12 @@ use pulsetrain_motion::program::Program;
 use pulsetrain_session::control::Command;
 use pulsetrain_session::drive::Driven;
 
-use crate::gather::with_file;
-use crate::live_run::{LiveRun, Publish, refuse};
-use crate::state::{Joining, LawPoint, Parked, RunState};
-use crate::{Batch, LiveSetpoints, RunCommand, RunEvent};
+use super::gather::with_file;
+use super::state::{Joining, LawPoint, Parked, RunState};
+use super::{LiveRun, Publish, refuse};
+use crate::command::{Batch, RunCommand};
+use crate::event::RunEvent;
+use crate::setpoints::LiveSetpoints;
 
 /// A motion without a board.
 pub struct SuspendedRun {

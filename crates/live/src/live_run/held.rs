@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use pulsetrain_session::control::Command;
 
-use crate::RunCommand;
+use crate::command::RunCommand;
 
 /// Changes that may wait for their tick.
 pub(crate) const MAX_TIMED: usize = 1024;
@@ -13,15 +13,15 @@ pub(crate) const MAX_TIMED: usize = 1024;
 #[derive(Debug, PartialEq)]
 enum Held {
     /// Until the session takes it, which takes one in a step.
-    ForSession {
+    Session {
         command: Command,
         /// The tick at which it is to begin; `None`: as soon as it can.
         at: Option<u64>,
     },
     /// Until their tick is near.
-    ForTick(Timed),
+    Tick(Timed),
     /// Until the motors have joined the motion.
-    ForJoin(RunCommand),
+    Join(RunCommand),
 }
 
 /// Commands for a tick.
@@ -46,7 +46,7 @@ const fn is_stop(command: Command) -> bool {
 impl HeldCommands {
     /// Holds a command until the session takes it, at a tick or as soon as it can.
     pub(crate) fn hold_for_session(&mut self, command: Command, at: Option<u64>) {
-        self.held.push_back(Held::ForSession { command, at });
+        self.held.push_back(Held::Session { command, at });
     }
 
     /// Holds commands until their tick is near. False if too many wait.
@@ -54,51 +54,51 @@ impl HeldCommands {
         if self.timed().count() == MAX_TIMED {
             return false;
         }
-        let is_later = |held: &Held| matches!(held, Held::ForTick(timed) if timed.tick > tick);
+        let is_later = |held: &Held| matches!(held, Held::Tick(timed) if timed.tick > tick);
         let place = self.held.iter().position(is_later).unwrap_or(self.held.len());
-        self.held.insert(place, Held::ForTick(Timed { tick, commands, is_checked: false }));
+        self.held.insert(place, Held::Tick(Timed { tick, commands, is_checked: false }));
         true
     }
 
     /// Holds a command until the motors have joined the motion.
     pub(crate) fn hold_until_joined(&mut self, command: RunCommand) {
-        self.held.push_back(Held::ForJoin(command));
+        self.held.push_back(Held::Join(command));
     }
 
     /// The next command for the session, and its tick. A stop comes first, but one for a tick after `soon` waits: the session has no stop for a tick, so it
     /// is given just before.
     pub(crate) fn take_for_session(&mut self, soon: u64) -> Option<(Command, Option<u64>)> {
         let due = |held: &Held| match held {
-            Held::ForSession { command, at } if !is_stop(*command) || at.is_none_or(|at| at <= soon) => Some(*command),
+            Held::Session { command, at } if !is_stop(*command) || at.is_none_or(|at| at <= soon) => Some(*command),
             _ => None,
         };
         let first = |wanted: Command| self.held.iter().position(|held| due(held) == Some(wanted));
         let place = first(Command::StopNow).or_else(|| first(Command::Stop));
         let place = place.or_else(|| self.held.iter().position(|held| due(held).is_some()))?;
         match self.held.remove(place) {
-            Some(Held::ForSession { command, at }) => Some((command, at)),
+            Some(Held::Session { command, at }) => Some((command, at)),
             _ => None,
         }
     }
 
     /// Whether commands wait for the session.
     pub(crate) fn has_for_session(&self) -> bool {
-        self.held.iter().any(|held| matches!(held, Held::ForSession { .. }))
+        self.held.iter().any(|held| matches!(held, Held::Session { .. }))
     }
 
     /// The commands with the first tick.
     pub(crate) fn first_timed(&mut self) -> Option<&mut Timed> {
         self.held.iter_mut().find_map(|held| match held {
-            Held::ForTick(timed) => Some(timed),
+            Held::Tick(timed) => Some(timed),
             _ => None,
         })
     }
 
     /// Takes the commands with the first tick.
     pub(crate) fn take_first_timed(&mut self) -> Option<Timed> {
-        let place = self.held.iter().position(|held| matches!(held, Held::ForTick(_)))?;
+        let place = self.held.iter().position(|held| matches!(held, Held::Tick(_)))?;
         match self.held.remove(place) {
-            Some(Held::ForTick(timed)) => Some(timed),
+            Some(Held::Tick(timed)) => Some(timed),
             _ => None,
         }
     }
@@ -108,7 +108,7 @@ impl HeldCommands {
         let mut joined = Vec::new();
         for held in std::mem::take(&mut self.held) {
             match held {
-                Held::ForJoin(command) => joined.push(command),
+                Held::Join(command) => joined.push(command),
                 other => self.held.push_back(other),
             }
         }
@@ -118,20 +118,20 @@ impl HeldCommands {
     /// Whether a stop is among them, for whatever tick.
     pub(crate) fn has_stop(&self) -> bool {
         self.held.iter().any(|held| match held {
-            Held::ForSession { command, .. } => is_stop(*command),
-            Held::ForTick(timed) => timed.commands.iter().any(RunCommand::is_stop),
-            Held::ForJoin(_) => false,
+            Held::Session { command, .. } => is_stop(*command),
+            Held::Tick(timed) => timed.commands.iter().any(RunCommand::is_stop),
+            Held::Join(_) => false,
         })
     }
 
     /// Whether a stop without a tick waits for the session.
     pub(crate) fn has_stop_for_now(&self) -> bool {
-        self.held.iter().any(|held| matches!(held, Held::ForSession { command, at: None } if is_stop(*command)))
+        self.held.iter().any(|held| matches!(held, Held::Session { command, at: None } if is_stop(*command)))
     }
 
     fn timed(&self) -> impl Iterator<Item = &Timed> {
         self.held.iter().filter_map(|held| match held {
-            Held::ForTick(timed) => Some(timed),
+            Held::Tick(timed) => Some(timed),
             _ => None,
         })
     }
