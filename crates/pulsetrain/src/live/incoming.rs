@@ -4,6 +4,7 @@
 //! motion is asked for it: meanwhile the board gets its plan, and orders such as a stop are obeyed at once.
 
 use super::{Desk, LiveCommand, Request, Together};
+use pulsetrain_motion::file::MOST_OF_A_MOTION_FILE;
 use pulsetrain_motion::machine::Kinematics;
 use pulsetrain_session::control::Command;
 use std::collections::VecDeque;
@@ -104,20 +105,33 @@ pub(crate) fn has_stop(request: &Request) -> bool {
     !is_timed && request.clone().each().into_iter().any(is_stop)
 }
 
-/// Whether a request turns knobs, and nothing else, of a motion that takes long to read. Stops must not wait for it.
+/// Whether a request has a changed file, or turns knobs, and nothing else, of a motion that takes long to read. Stops must not wait for it, and the
+/// board gets its plan meanwhile.
 fn takes_long(desk: &Desk, request: &Request) -> bool {
+    let is_file = |request: &Request| matches!(request, Request::Live(LiveCommand::Motion { .. }));
+    if request.clone().each().iter().any(is_file) {
+        return true;
+    }
     let is_knob = |request: &Request| matches!(request, Request::Live(LiveCommand::Set { .. }));
     desk.setup().machines.iter().any(|machine| matches!(machine.kinematics, Kinematics::Delta { .. }))
         && request.clone().each().iter().all(is_knob)
 }
 
-/// Reads the motion that knobs ask for. The desk keeps it for [`Desk::program`].
+/// Reads the motion that is asked for. The desk keeps it for [`Desk::program`] and [`Desk::with_file`].
 fn read(mut desk: Desk, request: Request) {
     for request in request.each() {
-        if let Request::Live(LiveCommand::Set { knob, value }) = request
-            && let Ok(turn) = desk.turn(&knob, &value)
-        {
-            desk = desk.turned(&turn, turn.to);
+        match request {
+            Request::Live(LiveCommand::Set { knob, value }) => {
+                if let Ok(turn) = desk.turn(&knob, &value) {
+                    desk = desk.turned(&turn, turn.to);
+                }
+            }
+            Request::Live(LiveCommand::Motion { text, files }) if text.len() as u64 <= MOST_OF_A_MOTION_FILE => {
+                if let Some(changed) = desk.read_ahead(&text, &files) {
+                    desk = changed;
+                }
+            }
+            _ => {}
         }
     }
     // What is wrong with it is said when the motion is asked for it.

@@ -1703,3 +1703,22 @@ fn a_desk_reads_each_of_its_motions_once() {
     let (other, _) = staged(&TEXT.replace("40 step", "30 step"));
     assert_ne!(law(&other), law(&desk));
 }
+
+/// A text that comes over a socket names no other file of this computer than the motion did when it began.
+#[test]
+fn a_motion_that_is_sent_reads_no_file() {
+    let folder = pulsetrain_testkit::folder::Folder::new("sent");
+    folder.write("secret", "root:x\n");
+    let text = TEXT.replace(
+        "law.sweep = { frequency = \"1 Hz\", swing = \"40 step\" }",
+        "law.table = { file = \"secret\", unit = \"step\" }",
+    );
+    let opened = Desk::of(TEXT, "m.toml", folder.0.clone(), None, None).map_err(|error| error.plain()).unwrap();
+    for name in ["secret".to_owned(), folder.path("secret"), "../secret".to_owned(), "/etc/passwd".to_owned()] {
+        let refused = opened.0.with_file(&text.replace("secret", &name), &Default::default()).unwrap_err().to_string();
+        assert!(
+            refused.contains("names only files that the motion named before") && !refused.contains("root"),
+            "{refused}"
+        );
+    }
+}
