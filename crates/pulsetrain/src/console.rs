@@ -239,7 +239,9 @@ impl Progress {
     /// Sets how much of the length is done.
     pub fn set(&self, done: f64) {
         let passed_s = self.bar.elapsed().as_secs_f64();
-        if self.says && passed_s >= self.due_s.get() && self.length.is_finite() {
+        // Motors that run are heard; and a run's own words come at its end.
+        let is_silent = self.stage.get() != "running" && self.length.is_finite();
+        if self.says && is_silent && passed_s >= self.due_s.get() {
             self.due_s.set((passed_s * NEXT_WORD).max(passed_s + SILENT_S));
             let percent = (100.0 * done / self.length).clamp(0.0, 100.0);
             // If standard error is closed nobody reads it.
