@@ -27,9 +27,9 @@ const BRIDGE_DIVIDER: u64 = 8;
 pub enum Bridge {
     /// The ATmega16U2 of an Arduino Uno and of a Due's programming port, with Arduino's program: its Timer0 overflows each 256 × 256 cycles, 4.1 ms,
     /// and whatever the buffer holds goes out, or as soon as there are more than 96 bytes (ArduinoCore-avr, firmwares/atmegaxxu2/arduino-usbserial).
-    #[default]
     Atmega16u2,
     /// The CH340 of many Unos of other makers: packets of 32 bytes. Linux's driver has it send each byte with the next frame (drivers/usb/serial/ch341.c).
+    #[default]
     Ch340,
     /// An FT232R as its driver sets it: packets of 62 bytes, or what there is after 16 ms (FTDI AN232B-04, 2).
     Ftdi,

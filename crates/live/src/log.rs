@@ -10,15 +10,13 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
-use crate::input_line::{InputLine, next_line};
 use crate::command::Batch;
 use crate::event::RunEvent;
+use crate::input_line::{InputLine, next_line};
 use crate::setpoints::FileTexts;
 
 /// The longest line of a log, bytes: one with a motion file and the tables that it names.
 pub const MAX_LOG_LINE_BYTES: u64 = 200_000_000;
-
-const _: () = assert!(MAX_LOG_LINE_BYTES == 200_000_000, "the message says so");
 
 /// The version of these lines.
 pub const VERSION: u32 = 1;

@@ -61,12 +61,26 @@ pub struct LiveSetpoints {
     home: Arc<Vec<f64>>,
     /// The program that was made last, by these setpoints or some that they were copied from: a knob is checked first, and turned then.
     made: Arc<Mutex<Option<BuiltProgram>>>,
+    /// A changed file that another thread has read, for these setpoints or some that they were copied from.
+    ahead: Arc<Mutex<Option<Box<ReadAhead>>>>,
+}
+
+/// A changed file that was read, and what of.
+#[derive(Debug)]
+struct ReadAhead {
+    text: String,
+    files: FileTexts,
+    source: Arc<Source>,
+    turned: BTreeMap<String, ParameterValue>,
+    cue: Option<CueTaken>,
+    read: Result<LiveSetpoints, Box<NoMotion>>,
 }
 
 /// A program, and what it was made of.
 #[derive(Debug)]
 struct BuiltProgram {
     source: Arc<Source>,
+    files: Arc<FileCache>,
     turned: BTreeMap<String, ParameterValue>,
     cue: Option<CueTaken>,
     setup: Arc<Program>,
@@ -186,6 +200,7 @@ impl LiveSetpoints {
             setup: Arc::new(contents.program.clone()),
             home: Arc::new(contents.program.motors.iter().map(start).collect()),
             made: Arc::default(),
+            ahead: Arc::default(),
         };
         Ok((setpoints, contents))
     }
@@ -282,6 +297,7 @@ impl LiveSetpoints {
     /// Adds files that a changed motion file names, where no others are read.
     pub fn provide(&self, files: &FileTexts) {
         self.files.lock().extend(files.clone());
+        *self.made.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
     /// The motion file's text.
@@ -324,6 +340,7 @@ impl LiveSetpoints {
     pub fn program(&self) -> Result<Arc<Program>, ChangeRefusal> {
         let is_same = |made: &BuiltProgram| {
             Arc::ptr_eq(&made.source, self.sheet.source())
+                && Arc::ptr_eq(&made.files, &self.files)
                 && made.turned == self.turned
                 && made.cue == self.cue
                 && Arc::ptr_eq(&made.setup, &self.setup)
@@ -333,16 +350,15 @@ impl LiveSetpoints {
             return Ok(Arc::clone(&made.program));
         }
         let program = self.read()?;
-        // Files that a motion names may change meanwhile.
-        if self.files.lock().is_empty() {
-            *made() = Some(BuiltProgram {
-                source: Arc::clone(self.sheet.source()),
-                turned: self.turned.clone(),
-                cue: self.cue,
-                setup: Arc::clone(&self.setup),
-                program: Arc::clone(&program),
-            });
-        }
+        // The files that it names are kept as they were read, and are not read again.
+        *made() = Some(BuiltProgram {
+            source: Arc::clone(self.sheet.source()),
+            files: Arc::clone(&self.files),
+            turned: self.turned.clone(),
+            cue: self.cue,
+            setup: Arc::clone(&self.setup),
+            program: Arc::clone(&program),
+        });
         Ok(program)
     }
 
@@ -584,6 +600,37 @@ impl LiveSetpoints {
     /// # Errors
     /// The file's problems, or [`ChangeRefusal`] if it changes wiring, drivers or the board.
     pub fn with_file(&self, text: &str, files: &FileTexts) -> Result<LiveSetpoints, Box<NoMotion>> {
+        let ahead = self.ahead.lock().unwrap_or_else(PoisonError::into_inner).take_if(|ahead| {
+            ahead.text == text
+                && ahead.files == *files
+                && Arc::ptr_eq(&ahead.source, self.sheet.source())
+                && ahead.turned == self.turned
+                && ahead.cue == self.cue
+        });
+        ahead.map_or_else(|| self.read_file(text, files), |ahead| ahead.read)
+    }
+
+    /// Reads a changed file, for [`with_file`](LiveSetpoints::with_file) on another thread: a large one takes longer than a board has plan.
+    pub(crate) fn read_ahead(&self, text: &str, files: &FileTexts) -> Option<LiveSetpoints> {
+        let read = self.read_file(text, files);
+        let setpoints = read.as_ref().ok().cloned();
+        if let Some(setpoints) = &setpoints {
+            // What is wrong with it is said when the motion is asked for it.
+            let _ = setpoints.program();
+        }
+        let ahead = ReadAhead {
+            text: text.to_owned(),
+            files: files.clone(),
+            source: Arc::clone(self.sheet.source()),
+            turned: self.turned.clone(),
+            cue: self.cue,
+            read,
+        };
+        *self.ahead.lock().unwrap_or_else(PoisonError::into_inner) = Some(Box::new(ahead));
+        setpoints
+    }
+
+    fn read_file(&self, text: &str, files: &FileTexts) -> Result<LiveSetpoints, Box<NoMotion>> {
         let mut known = self.files();
         known.extend(files.clone());
         // A text may come from a page or over a socket: it names what this motion has read, or what came with it, and reads nothing else of this

@@ -304,6 +304,9 @@ pub struct Title {
 
 impl Title {
     fn parse(text: &str, at: Range<usize>) -> Title {
+        if text.len() > MAX_TITLE_BYTES {
+            return Title { text: text.to_owned(), unit: Stated::Nothing, at, name: String::new() };
+        }
         // `grad` alone may be gon as well.
         let is_german = text.to_lowercase().contains("winkel");
         let read = if is_german { text.replace("Grad", "deg").replace("grad", "deg") } else { text.to_owned() };
@@ -648,8 +651,13 @@ impl Header<'_> {
 
 /// Columns that messages name.
 const MAX_LISTED: usize = 8;
-/// Columns of a file that is read. Recordings have some dozens; the logs of cars have a thousand.
-const MAX_COLUMNS: usize = 10_000;
+/// Columns of a file that is read. Recordings have some dozens, the logs of cars some hundred.
+const MAX_COLUMNS: usize = 1000;
+/// A longer title, bytes, names no column and no unit: to find them takes as long as the square of its length.
+const MAX_TITLE_BYTES: usize = 300;
+/// Lines of comments above a table, and words of each, in which names of columns are looked for.
+const MAX_COMMENTS: usize = 200;
+const MAX_WORDS: usize = 1000;
 
 /// The rows of a CSV file.
 pub struct CsvTable<'a> {
@@ -811,13 +819,16 @@ impl Dialect<'_> {
     fn comments_above(self, row: usize, width: usize) -> Option<(Vec<Title>, Range<usize>)> {
         let mut unclear = None;
         let mut end = row;
-        for line in self.bytes[..row].split_inclusive(|b| *b == b'\n').rev() {
+        for line in self.bytes[..row].split_inclusive(|b| *b == b'\n').rev().take(MAX_COMMENTS) {
             let start = end - line.len();
             let at = start..start + line.trim_ascii_end().len();
             end = start;
             let Ok(text) = std::str::from_utf8(&self.bytes[at.clone()]) else { continue };
             let Some(text) = text.strip_prefix('#').filter(|_| self.comment == b'#') else { continue };
             for separator in [char::from(self.delimiter), '\t', ';', ',', '|'] {
+                if text.matches(separator).count() >= MAX_COLUMNS {
+                    continue;
+                }
                 let titles = titles(text, separator, start + 1);
                 if width >= 2 && titles.len() == width && titles.iter().any(Title::is_of_column) {
                     return Some((titles, at));
@@ -845,11 +856,13 @@ fn titles(line: &str, separator: char, start: usize) -> Vec<Title> {
 /// Whether a word of a comment is a name or unit of a column. `100 ms` is an amount, and `a` a word.
 fn names_columns(comment: &str) -> bool {
     let mut before = "";
-    comment.split(|c: char| !c.is_alphanumeric() && c != '°').filter(|word| !word.is_empty()).any(|word| {
-        let is_amount = std::mem::replace(&mut before, word).ends_with(|c: char| c.is_ascii_digit());
-        let is_unit = Title::parse(word, 0..0).is_of_column();
-        is_unit && !is_amount && (word.chars().count() > 1 || !word.is_ascii())
-    })
+    comment.split(|c: char| !c.is_alphanumeric() && c != '°').filter(|word| !word.is_empty()).take(MAX_WORDS).any(
+        |word| {
+            let is_amount = std::mem::replace(&mut before, word).ends_with(|c: char| c.is_ascii_digit());
+            let is_unit = Title::parse(word, 0..0).is_of_column();
+            is_unit && !is_amount && (word.chars().count() > 1 || !word.is_ascii())
+        },
+    )
 }
 
 /// One row of a table.

@@ -1,5 +1,12 @@
 //! The rule that turns θ into step times.
 
+/// θ that turns, rests or ends this far before a level, steps, or nearer, touches it: the motor makes the step. It is far less than a motor can
+/// show, and far more than f64 rounds. The planner and the judge both have it, each with a computation of its own.
+pub const TOUCH_STEPS: f64 = 1e-9;
+
+/// Where θ comes to [`TOUCH_STEPS`] before a level within this, steps, a motor may make the step or not: two computations in f64 need not agree there.
+pub const TOUCH_DOUBT_STEPS: f64 = 1e-11;
+
 /// When a motor at position n steps: up when θ crosses n + ½ + h, down when it crosses n − ½ − h.
 ///
 /// Both of the project's grids are this rule with another h.

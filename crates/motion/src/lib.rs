@@ -56,7 +56,7 @@ pub mod quantity;
 pub mod template;
 pub mod time;
 
-pub use grid::Grid;
+pub use grid::{Grid, TOUCH_DOUBT_STEPS, TOUCH_STEPS};
 pub use law::{Law, LawError};
 pub use power::whole_power;
 pub use time::Time;

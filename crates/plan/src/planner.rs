@@ -11,12 +11,10 @@ use crate::settings::Settings;
 use crate::stretch::{Stretch, stretches};
 use crate::{MIN_TOLERANCE_TICKS, Move};
 use pulsetrain_core::{Direction, Segment};
-use pulsetrain_motion::Time;
 use pulsetrain_motion::law::{Class, Entry, Law, LawError, Piece, Pieces};
+use pulsetrain_motion::{TOUCH_STEPS, Time};
 use std::collections::VecDeque;
 
-/// A turning value this close to a step's level counts as touching it, steps.
-const TOUCH: f64 = 1e-9;
 /// A touch is ignored if an even speed would make it later by less than this, ticks.
 const TOUCH_TICKS: f64 = 1e-3;
 /// A piece counts as straight if it bends by no more than this many roundings of θ: then rounding hides the bend.
@@ -450,7 +448,7 @@ impl Planner {
         let frame = self.frame(&piece, sign);
         let (zero, tick_hz) = (frame.zero, frame.tick_hz);
         let reached = (stretch.value_to - zero) * sign;
-        let touched = (reached + TOUCH).floor();
+        let touched = (reached + TOUCH_STEPS).floor();
         // A law that creeps towards a level touches it. If the law goes on beyond the level, the step belongs to the
         // next piece.
         let is_reached_later =

@@ -1,6 +1,7 @@
 //! Where a command prints, and how it ends.
 
 use pulsetrain_motion::human;
+use std::cell::Cell;
 use std::fmt::Display;
 use std::io::{self, BufRead, IsTerminal, Write};
 use std::path::Path;
@@ -106,12 +107,14 @@ pub struct Console<'a> {
     pub err: Cleaned<'a>,
     /// Whether `err` is a terminal: colours and progress bars are for people.
     pub err_is_terminal: bool,
+    /// Whether a planning that takes long says so on the process's standard error, where there is no progress bar.
+    pub says_progress: bool,
 }
 
 impl<'a> Console<'a> {
     /// Prints results to `out` and errors to `err`, which may be a terminal.
     pub fn new(out: &'a mut dyn Write, err: &'a mut dyn Write, err_is_terminal: bool) -> Console<'a> {
-        Console { out: Cleaned::new(out), err: Cleaned::new(err), err_is_terminal }
+        Console { out: Cleaned::new(out), err: Cleaned::new(err), err_is_terminal, says_progress: false }
     }
 }
 
@@ -162,14 +165,16 @@ impl Console<'_> {
     #[must_use]
     pub fn progress(&self, length: f64, unit: &str) -> Progress {
         if !self.err_is_terminal {
-            return Progress { bar: ProgressBar::hidden(), length };
+            let mut progress = Progress::new(ProgressBar::hidden(), length);
+            progress.says = self.says_progress;
+            return progress;
         }
         let bar = ProgressBar::new(PROGRESS_PARTS);
         let template = format!("{{msg:12}} [{{wide_bar:.cyan/blue}}] {{percent:>3}} % of {} {{eta:>4}}", unit);
         if let Ok(style) = ProgressStyle::with_template(&template) {
             bar.set_style(style.progress_chars("━━╌"));
         }
-        Progress { bar, length }
+        Progress::new(bar, length)
     }
 
     /// A progress bar for the run of a motion that ends then, s; the time that has passed if the motion has no end.
@@ -179,13 +184,13 @@ impl Console<'_> {
             return self.progress(end_s, &human::seconds_to(end_s, 6));
         }
         if !self.err_is_terminal {
-            return Progress { bar: ProgressBar::hidden(), length: f64::INFINITY };
+            return Progress::new(ProgressBar::hidden(), f64::INFINITY);
         }
         let bar = ProgressBar::new_spinner();
         if let Ok(style) = ProgressStyle::with_template("{msg:12} {elapsed_precise}, Ctrl-C ends it") {
             bar.set_style(style);
         }
-        Progress { bar, length: f64::INFINITY }
+        Progress::new(bar, f64::INFINITY)
     }
 }
 
@@ -208,17 +213,40 @@ const PROGRESS_PARTS: u64 = 10_000;
 pub struct Progress {
     bar: ProgressBar,
     length: f64,
+    /// Whether it says in words how far the work is.
+    says: bool,
+    /// The present work, and after how long it is said next, s.
+    stage: Cell<&'static str>,
+    due_s: Cell<f64>,
 }
 
+/// Nothing is silent for longer, s; and how much longer it is before the next word.
+const SILENT_S: f64 = 2.0;
+const NEXT_WORD: f64 = 1.5;
+
 impl Progress {
+    fn new(bar: ProgressBar, length: f64) -> Progress {
+        Progress { bar, length, says: false, stage: Cell::new(""), due_s: Cell::new(SILENT_S) }
+    }
+
     /// Names the present work in one or two words.
     pub fn stage(&self, name: &'static str) {
         crate::interrupt::stage(name);
+        self.stage.set(name);
         self.bar.set_message(name);
     }
 
     /// Sets how much of the length is done.
     pub fn set(&self, done: f64) {
+        let passed_s = self.bar.elapsed().as_secs_f64();
+        // Motors that run are heard; and a run's own words come at its end.
+        let is_silent = self.stage.get() != "running" && self.length.is_finite();
+        if self.says && is_silent && passed_s >= self.due_s.get() {
+            self.due_s.set((passed_s * NEXT_WORD).max(passed_s + SILENT_S));
+            let percent = (100.0 * done / self.length).clamp(0.0, 100.0);
+            // If standard error is closed nobody reads it.
+            drop(writeln!(io::stderr(), "{}: {percent:.0} % after {passed_s:.0} s; Ctrl-C ends it", self.stage.get()));
+        }
         if self.length.is_infinite() {
             self.bar.tick();
             return;

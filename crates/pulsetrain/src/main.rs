@@ -8,6 +8,6 @@ use pulsetrain::{cli, console::Console};
 fn main() -> ExitCode {
     let err_is_terminal = stderr().is_terminal();
     let (mut out, mut err) = (stdout(), stderr());
-    let mut console = Console::new(&mut out, &mut err, err_is_terminal);
+    let mut console = Console { says_progress: true, ..Console::new(&mut out, &mut err, err_is_terminal) };
     cli::run_process(&mut console).into()
 }

@@ -6,11 +6,7 @@
 //! crossings.
 
 use pulsetrain_motion::law::{Jet, Piece, Pieces};
-use pulsetrain_motion::{Grid, Law, LawError, Time, whole_power};
-
-/// Distance before a level, steps, at which θ may turn, rest or end and still count as touching the level or not. f64
-/// cannot always decide.
-pub const GRAZE: f64 = 1e-9;
+use pulsetrain_motion::{Grid, Law, LawError, TOUCH_DOUBT_STEPS, TOUCH_STEPS, Time, whole_power};
 
 /// A time in ticks. Whole ticks and fraction are separate, so that days lose no precision.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -49,7 +45,7 @@ pub struct Crossing {
     pub forward: bool,
     /// Half the time within which f64 cannot place the crossing, ticks. It is tiny except near turning points.
     pub uncertainty_ticks: f64,
-    /// Whether the step may be missing: a stretch of θ ends within [`GRAZE`] before the level. See
+    /// Whether the step may be missing: a stretch of θ ends within [`TOUCH_STEPS`] before the level, or in doubt of it. See
     /// [`Crossings::settle`].
     pub optional: bool,
     /// |speed| at the crossing, steps/s.
@@ -183,9 +179,9 @@ impl Crossings {
             let down = self.grid.down_level(relative) + start;
             let rising = stretch.to_value >= stretch.from_value;
             // θ is beyond a level at the start already: the law jumps, or the edge of a window was rounded.
-            let found = if stretch.from_value >= up + GRAZE {
+            let found = if stretch.from_value >= up + TOUCH_STEPS {
                 Some((true, stretch.from, None))
-            } else if stretch.from_value <= down - GRAZE {
+            } else if stretch.from_value <= down - TOUCH_STEPS {
                 Some((false, stretch.from, None))
             } else {
                 let (level, beyond) =
@@ -198,10 +194,10 @@ impl Crossings {
                     Some((rising, stretch.to, None))
                 } else if beyond > noise || (beyond >= 0.0 && !is_flat) {
                     Some((rising, self.window.solve(level, stretch, self.tick_hz), None))
-                } else if beyond >= -GRAZE {
+                } else if beyond >= -(TOUCH_STEPS + TOUCH_DOUBT_STEPS + noise) {
                     // A level that θ just misses in f64 may be touched, however slowly θ comes to rest. If θ goes on,
                     // the next stretch decides.
-                    Some((rising, stretch.to, Some(beyond + GRAZE)))
+                    Some((rising, stretch.to, Some((beyond + TOUCH_STEPS).max(TOUCH_DOUBT_STEPS))))
                 } else {
                     None
                 }
@@ -212,7 +208,7 @@ impl Crossings {
             };
             let optional = graze.is_some();
             let uncertainty_s = match graze {
-                // The step may come at any time while θ is within GRAZE of the level.
+                // The step may come at any time while θ is so near to the level.
                 Some(graze) => self.window.ends_within(graze, stretch),
                 None => self.window.uncertainty(x, stretch),
             };
@@ -293,7 +289,7 @@ impl Crossings {
                 return Err(LawError::Undefined { at_s, why: "θ or its derivatives are not finite".into() });
             }
             let (tick, fraction) = (piece.zero + Time::from_seconds(centre)).ticks(self.tick_hz);
-            let noise = polynomial(&bounds.rounding, half) + tail.min(GRAZE) + f64::EPSILON * jet[0].abs();
+            let noise = polynomial(&bounds.rounding, half) + tail.min(TOUCH_STEPS) + f64::EPSILON * jet[0].abs();
             self.window = Window { jet, centre: Instant { tick, fraction }, noise, origin: piece.origin };
             self.window.split(-half, half, 0, &mut self.stretches);
             self.stretches.reverse();

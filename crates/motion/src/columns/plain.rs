@@ -4,7 +4,7 @@
 
 use std::borrow::Cow;
 
-use super::{Stated, Title, has_decimal_comma, moment, names_columns};
+use super::{MAX_COLUMNS, Stated, Title, has_decimal_comma, moment, names_columns};
 
 /// Lines at the beginning of a file in which its first row of numbers is looked for.
 const MOST_LINES: usize = 200;
@@ -93,6 +93,10 @@ pub fn plain(text: &str) -> Cow<'_, [u8]> {
     let Some(separator) = separator else { return plain };
     if row.is_some() {
         let is_units = |(_, line): &(usize, &str)| {
+            // A table with as many columns is refused.
+            if fields(line, separator).nth(MAX_COLUMNS).is_some() {
+                return false;
+            }
             let titles: Vec<Title> = fields(line, separator).map(|field| Title::parse(field, 0..0)).collect();
             is_units(&titles)
         };

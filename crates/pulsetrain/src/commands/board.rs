@@ -67,7 +67,7 @@ pub(crate) struct BoardArgs {
     #[arg(long, value_name = "FILE")]
     pub(crate) image: Option<PathBuf>,
     /// Only `uno` and `winch`: the chip between its serial line and USB. It holds back what the board says for up to 5 ms (`16u2`, an Arduino's
-    /// own), 1 ms (`ch340`) or 17 ms (`ftdi`)
+    /// own), 1 ms (`ch340`, the default) or 17 ms (`ftdi`)
     #[arg(long, value_name = "CHIP", value_parser = bridge())]
     pub(crate) bridge: Option<Bridge>,
     /// End after this much of the board's time, as with Ctrl-C

@@ -12,14 +12,12 @@ use pulsetrain_motion::quantity::Quantity;
 use pulsetrain_motion::{Law, LawError, Time, file};
 use pulsetrain_plan::{Ensemble, Move, PlanError};
 use pulsetrain_session::drive::Driven;
-use pulsetrain_session::estimate::Task;
 use pulsetrain_session::prepare::{Prepared, Refusal};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::run;
 use crate::arguments;
-use crate::consent::{self, Consent};
 use crate::console::{Console, Exit};
 use crate::diagnostic::{WrongFile, advised};
 use pulsetrain_report::plan_report::{ParameterReport, Peak};
@@ -276,19 +274,18 @@ pub(crate) fn run(args: &FormulaArgs, console: &mut Console<'_>) -> miette::Resu
         refused: None,
     };
 
-    // The planning of a formula that turns ever more often would take as long as that of a whole day.
-    let consent = Consent { length: None, task: Task::Plan, yes: false, json: true };
-    if let Err(long) = consent::agree(&prepared, consent, console) {
-        return Err(miette!(help = "give a shorter --duration", "{long}"));
-    }
-    let mut planned = prepared.prove(|_| ());
+    // A formula that turns often may take as long to plan as an ordinary one of a whole day.
+    let bar = console.progress(duration.seconds(), "the formula");
+    bar.stage("planning");
+    let mut planned = prepared.prove(|at_s| bar.set(at_s));
     if let Err(refusal) = &planned
         && let Some(jumping) = without_ramps(&law)
     {
         report.refused = Some(FormulaRefusal::new(refusal));
         prepared.program.motors[0].law = jumping;
-        planned = prepared.prove(|_| ());
+        planned = prepared.prove(|at_s| bar.set(at_s));
     }
+    drop(bar);
     if let Ok(planned) = &planned {
         let certificate = &planned[0].certificate;
         report.steps = Some(FirstSteps {

@@ -1082,6 +1082,26 @@ mod tests {
             assert!(uno.to_string().contains("only a Pico"), "{uno}");
         }
 
+        /// All of a line begins at one tick, or nothing of it does; in capitals, as docs/verbs.md has the verbs, too.
+        #[test]
+        fn a_line_is_one_order() {
+            let lines = [
+                "DIRECTION X -1; MOVE x 30",
+                "speed y 0 steps/s; move y 5",
+                "move z 7; fly z",
+                "move a 1; move b 2",
+                "move a 1; move a 1; move a 1; move a 1",
+                "speed xyza 500 steps/s; dir xyza 1; move xyza 5",
+                "dir z -1; where; move z 3",
+            ];
+            let (exit, said) = typed_on_pico(&Wiring::default(), &lines);
+            assert!(matches!(exit, Ok(Exit::BoundBroken)), "{exit:?} {said}");
+            assert!(said.contains("steps at the pins: x -30, y 0, z -3, a 0\nFAIL: lines refused: 5;"), "{said}");
+            assert!(said.contains("err orders: 12 orders are more than the board takes at once: 8"), "{said}");
+            // One answer for each line that is obeyed, for `where`, and for the end.
+            assert_eq!(said.matches("\nat ").count(), 4, "{said}");
+        }
+
         #[test]
         fn an_axis_that_is_not_there_is_refused() {
             let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/first-pico.toml");

@@ -343,6 +343,33 @@ mod tests {
         assert!(groups.recv().is_err());
     }
 
+    /// Whoever is told to answer at the own port would be answered by itself, for ever.
+    #[test]
+    fn nothing_is_sent_to_the_own_port_and_nothing_from_it_is_obeyed() {
+        for listens_at in ["127.0.0.1:0", "0.0.0.0:0", "[::]:0"] {
+            let socket = listen(listens_at.parse().unwrap()).unwrap();
+            let port = socket.local_addr().unwrap().port();
+            let (sender, groups) = sync_channel(4);
+            let server = OscServer::on(socket, Some(port), OscInfo::default(), sender).unwrap();
+            let client = UdpSocket::bind(("127.0.0.1", 0)).unwrap();
+            client.connect(("127.0.0.1", port)).unwrap();
+            client.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+            let client = Client(client);
+            client.send("/setDestIp", b",\0\0\0");
+            client.hears("/error/command\0\0,si\0port ");
+            client.send("/setDestIp", &[&b",i\0\0\0\0"[..], &port.to_be_bytes()].concat());
+            client.hears("/error/command\0\0,si\0port ");
+            client.send("/pause", b",\0\0\0");
+            assert_eq!(groups.recv().unwrap().requests, [RunCommand::Pause]);
+            server.tell(&RunEvent::Stopping { at_s: 1.0 });
+            // What the server sent to itself would have come before this.
+            server.shared.socket.send_to(b"/stop\0\0\0,\0\0\0", ("127.0.0.1", port)).unwrap();
+            client.send("/resume", b",\0\0\0");
+            assert_eq!(groups.recv().unwrap().requests, [RunCommand::Resume]);
+            assert_eq!(server.counts().packets, 4, "{listens_at}");
+        }
+    }
+
     #[test]
     fn a_port_that_is_taken_is_told() {
         let server = open(sync_channel(1).0);

@@ -1384,3 +1384,49 @@ mod chips {
         check(&["verify", &plain_file, &tutorial], "captures are VCD");
     }
 }
+
+/// The planner and the judge decide by one constant, each with a computation of its own.
+#[test]
+fn an_extreme_just_beside_a_level_is_judged_as_it_is_planned() {
+    let folder = Folder::new("touch");
+    for turns in [
+        "50*(1-cos(2*pi*t)) + 1e-9*t",
+        "50*(cos(2*pi*t)-1) - 1e-9*t",
+        "5*(1-cos(2*pi*t)) + 0.5e-9*t",
+        "1000*(1-cos(2*pi*t)) + 1e-9*t",
+    ] {
+        let text = format!(
+            "board = \"uno\"\ngrid = \"reach\"\n[motor.a]\nsteps_per_rev = 200\npulse_high = \"2 us\"\npins = {{ step = 8, dir = 9 }}\n\
+             forward = \"high\"\n[[motion]]\nmotor = \"a\"\nbegin = \"jump\"\nend = \"jump\"\n\
+             law.formula = {{ theta = \"{turns}\", unit = \"step\", duration = \"3 s\" }}\n"
+        );
+        let file = folder.write("touch.toml", &text);
+        let outcome = pulsetrain(&["run", &file, "--native", "--out", &folder.path("out")]);
+        assert_eq!(outcome.exit, Exit::Success, "{turns}: {}{}", outcome.out, outcome.err);
+    }
+}
+
+/// What the firmware does not drive is refused before anything is planned, by the same table.
+#[test]
+fn a_step_and_a_dir_of_two_ports_are_refused_by_plan() {
+    let folder = Folder::new("split");
+    let text = |step: u8, dir: u8| {
+        let motor = |name, step, dir| {
+            format!(
+                "[motor.{name}]\nsteps_per_rev = 200\npulse_high = \"2 us\"\npins = {{ step = {step}, dir = {dir} }}\nforward = \"high\"\n\
+             [[motion]]\nmotor = \"{name}\"\nlaw.trapezoid = {{ distance = \"10 step\", speed = \"100 step/s\", acceleration = \"1000 step/s^2\" }}\n"
+            )
+        };
+        format!("board = \"uno\"\n{}{}", motor("a", 2, 3), motor("b", step, dir))
+    };
+    for (step, dir, fits) in
+        [(12, 13, true), (4, 5, true), (12, 5, false), (5, 12, false), (13, 12, false), (5, 13, false)]
+    {
+        let file = folder.write("split.toml", &text(step, dir));
+        for command in [&["plan", file.as_str(), "--board", "uno"][..], &["run", &file, "--out", &folder.path("out")]] {
+            let outcome = pulsetrain(command);
+            assert_eq!(outcome.exit == Exit::Success, fits, "{step} {dir}: {}{}", outcome.out, outcome.err);
+            assert!(fits || outcome.err.contains("an Uno cannot drive these pins together"), "{}", outcome.err);
+        }
+    }
+}

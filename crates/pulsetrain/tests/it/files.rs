@@ -344,7 +344,7 @@ fn large_inputs_take_a_moment() {
         ("brackets", format!("x = {}", "[".repeat(3_000_000))),
         ("columns", table("columns.csv", &many(200_000, &|k| format!("c{k},")))),
         ("columns of numbers", table("numbers.csv", &"1,".repeat(200_000))),
-        ("columns of one name", table("same.csv", &format!("{}\n0,1\n", "t,".repeat(9_000)))),
+        ("columns of one name", table("same.csv", &format!("{}\n0,1\n", "t,".repeat(900)))),
         ("quotes in a table", table("quotes.csv", &"\"".repeat(3_000_000))),
         ("lines of quotes", table("lines.csv", &format!("t,x\n{}", "\"\n".repeat(1_000_000)))),
         ("comments", table("comments.csv", &format!("{}t,x\n0,y\n", "# c\n".repeat(1_000_000)))),

@@ -3,11 +3,13 @@
 use proptest::prelude::*;
 use pulsetrain::live::{Batch, KnobValue, LiveRun, LiveSetpoints, NamedFiles, RunCommand, RunEvent, TypedLine};
 use pulsetrain_board::{Edge, Leased, Native};
+use pulsetrain_motion::file::{MOST_OF_A_NAMED_FILE, read_named_text};
 use pulsetrain_motion::program::Program;
 use pulsetrain_session::control::{Ended, Status};
 use pulsetrain_session::drive::Driven;
 use pulsetrain_session::prepare::Prepared;
 use pulsetrain_testkit::limits::{check_acceleration, check_speed};
+use std::path::Path;
 use std::sync::Arc;
 
 /// Two motors, knobs and cues.
@@ -1710,4 +1712,26 @@ fn a_desk_reads_each_of_its_motions_once() {
     assert_eq!(law(&setpoints), begun.motors[0].law);
     let (other, _) = staged(&TEXT.replace("40 step", "30 step"));
     assert_ne!(law(&other), law(&setpoints));
+}
+
+/// A text that comes over a socket names no other file of this computer than the motion did when it began.
+#[test]
+fn a_motion_that_is_sent_reads_no_file() {
+    let folder = pulsetrain_testkit::folder::Folder::new("sent");
+    folder.write("secret", "root:x\n");
+    let text = TEXT.replace(
+        "law.sweep = { frequency = \"1 Hz\", swing = \"40 step\" }",
+        "law.table = { file = \"secret\", unit = \"step\" }",
+    );
+    let of_disk = folder.0.clone();
+    let loader = move |named: &Path| read_named_text(&of_disk.join(named), MOST_OF_A_NAMED_FILE);
+    let files = NamedFiles::LoadedBy(Arc::new(loader));
+    let opened = LiveSetpoints::of(TEXT, "m.toml", None, files).map_err(|error| error.plain()).unwrap();
+    for name in ["secret".to_owned(), folder.path("secret"), "../secret".to_owned(), "/etc/passwd".to_owned()] {
+        let refused = opened.0.with_file(&text.replace("secret", &name), &Default::default()).unwrap_err().to_string();
+        assert!(
+            refused.contains("names only files that the motion named before") && !refused.contains("root"),
+            "{refused}"
+        );
+    }
 }

@@ -314,25 +314,23 @@ fn many_connections_and_endless_heads_leave_it_as_it_was() {
             _ => stream.shutdown(Shutdown::Both).unwrap(),
         }
     }
-    // So many at a time, and no more; the page that is open is served all the while.
+    // So many at a time, and no more: the oldest is hung up. The page that is open is served all the while.
     let mut waiting = Vec::new();
-    let busy = loop {
+    loop {
         let mut stream = run.connect();
-        // One that is served has to wait for the rest of its head, so a byte comes from one that is not.
         stream.set_nonblocking(true).unwrap();
+        // One that is hung up already takes nothing.
         stream.write_all(b"GET").unwrap_or_default();
         waiting.push(stream);
         assert!(waiting.len() < 10_000, "it takes any number of connections");
-        let first = waiting.iter_mut().find_map(|stream| {
-            let mut answer = [0; 64];
-            let len = stream.read(&mut answer).ok().filter(|len| *len > 0)?;
-            Some(String::from_utf8_lossy(&answer[..len]).into_owned())
-        });
-        if let Some(first) = first {
-            break first;
+        let is_hung_up = |stream: &mut TcpStream| match stream.read(&mut [0; 64]) {
+            Ok(len) => len == 0,
+            Err(error) => error.kind() != io::ErrorKind::WouldBlock,
+        };
+        if waiting.iter_mut().any(is_hung_up) {
+            break;
         }
-    };
-    assert!(busy.starts_with("HTTP/1.1 503 "), "{busy}");
+    }
     run.hub.publish(&RunEvent::Pausing { rests_s: 1.0 });
     assert_eq!(page.until(|line| line.get("event").is_some())["event"], "pausing");
     page.send("{\"command\":\"stop\"}");
@@ -495,4 +493,16 @@ fn deaf_pages_do_not_hold_up_the_run() {
     drop(deaf);
     // Their places are free again.
     while run.open(&run.upgrade(&format!("http://{}", run.host()))).is_err() {}
+}
+
+/// Whoever has no token, or says nothing, keeps nobody out.
+#[test]
+fn connections_that_say_nothing_keep_nobody_out() {
+    let run = Run::new(None);
+    let silent: Vec<TcpStream> = (0..200).map(|_| run.connect()).collect();
+    for _ in 0..3 {
+        let answer = run.get("/", &[&run.own()]);
+        assert!(answer.starts_with("HTTP/1.1 200 "), "{answer}");
+    }
+    drop(silent);
 }

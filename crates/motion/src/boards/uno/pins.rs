@@ -172,8 +172,10 @@ impl PinKind {
             // The table is the firmware's: what fits here, it drives.
             let [step, dir] = match self {
                 PinKind::Compare => {
-                    let dirs = (uno::PORT_D_PINS | uno::PORT_B_PINS) & !uno::COMPARE_STEP_PINS;
-                    [on(uno::COMPARE_STEP_PINS)[0], on(dirs)[1] && !shared]
+                    // Of one motor, DIR may be on the other of the two pins.
+                    let is_step = motors.iter().any(|other| other.step == motor.dir);
+                    let [_, dir] = on(uno::PORT_D_PINS | uno::PORT_B_PINS);
+                    [on(uno::COMPARE_STEP_PINS)[0], dir && !is_step && !shared]
                 }
                 PinKind::PortD => on(uno::PORT_D_PINS),
                 PinKind::PortB => on(uno::PORT_B_PINS),
@@ -228,6 +230,14 @@ mod tests {
         assert_eq!(kind(&[(6, 7)]), Ok(PinKind::PortD), "the maximum-speed article");
         assert_eq!(kind(&[(9, 2)]), Ok(PinKind::Compare));
         assert_eq!(kind(&[(9, 8), (10, 13)]), Ok(PinKind::Compare));
+    }
+
+    /// Edges by the compare hardware come 18 ticks before those by the interrupt: lateness is counted from what the firmware does.
+    #[test]
+    fn the_other_compare_pin_may_be_dir() {
+        assert_eq!(kind(&[(9, 10)]), Ok(PinKind::Compare));
+        assert_eq!(kind(&[(10, 9)]), Ok(PinKind::Compare));
+        assert_eq!(kind(&[(9, 10), (11, 12)]), Ok(PinKind::PortB));
     }
 
     /// The compare hardware has one DIR for each motor; on port B they may share it.

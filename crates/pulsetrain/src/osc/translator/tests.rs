@@ -831,3 +831,48 @@ proptest! {
         prop_assert!(translator.clients.len() <= 4);
     }
 }
+
+/// Two programs that answer each other, and one that sends back all that it hears: neither goes on for ever.
+#[test]
+fn what_was_told_is_no_order_and_an_answer_is_not_answered() {
+    let (ours, theirs): (SocketAddr, SocketAddr) =
+        ("127.0.0.1:9000".parse().unwrap(), "127.0.0.1:9001".parse().unwrap());
+    let knob = KnobInfo {
+        name: "speed".into(),
+        target: "x.speed".into(),
+        unit: "rev/s".into(),
+        least: None,
+        greatest: None,
+        value: 0.0,
+    };
+    let mut translator = Translator::new(OscInfo { motors: Vec::new(), knobs: vec![knob] }, None).at(OwnAddress(ours));
+    let now = Now::read();
+    translator.packet(b"/setDestIp\0\0,\0\0\0", theirs, now);
+    let set = |value| RunEvent::Set {
+        knob: "speed".into(),
+        value,
+        unit: "rev/s".into(),
+        from_s: 0.0,
+        until_s: 0.0,
+        ceiling: None,
+    };
+    for value in [0.5, 0.75] {
+        for OscReply { to, packet } in translator.happened(&set(value), now.instant) {
+            assert_eq!(to, theirs);
+            let back = translator.packet(&packet, theirs, now);
+            assert_eq!((back.groups.len(), back.replies.len()), (0, 0));
+        }
+    }
+    // Another value is an order, and so is the old one after it.
+    for value in [0.5_f32, 0.75] {
+        let packet = [&b"/speed\0\0,f\0\0"[..], &value.to_be_bytes()].concat();
+        assert_eq!(translator.packet(&packet, theirs, now).groups.len(), 1);
+    }
+    for answer in ANSWERS {
+        let mut packet = answer.as_bytes().to_vec();
+        packet.resize((packet.len() + 1).next_multiple_of(4), 0);
+        packet.extend(b",\0\0\0");
+        let back = translator.packet(&packet, theirs, now);
+        assert_eq!((back.groups.len(), back.replies.len()), (0, 0), "{answer}");
+    }
+}
