@@ -3,6 +3,7 @@
 //! Prints a table with tabs between the fields. The first field says whether the row is promised, or is a limit for the
 //! table of boards. With the argument `hour` it prints an hour of the sweep article's four motors, twice; with a number
 //! behind `hour`, that many seconds.
+#![allow(clippy::disallowed_methods, reason = "benches open their own files")]
 
 #[path = "../tests/it/common/mod.rs"]
 mod common;

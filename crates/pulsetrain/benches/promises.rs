@@ -1,6 +1,7 @@
 //! The promised rates, run by `pulsetrain run` on the virtual boards. `cargo xtask bench promises` writes the page.
 //!
 //! Prints a table with tabs between the fields. The first field says that the row is promised.
+#![allow(clippy::disallowed_methods, reason = "benches open their own files")]
 
 #[path = "../tests/it/common/mod.rs"]
 mod common;

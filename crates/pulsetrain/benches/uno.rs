@@ -7,6 +7,7 @@
 //! - `rates`: the rates of motions, too
 //! - `motions` and a number of seeds: how fast whole motions run, and what `plan` accepts of them
 //! - `pulse` and ticks: the rates of variations with such pulses, and their limits
+#![allow(clippy::disallowed_methods, reason = "benches open their own files")]
 
 #[path = "../tests/it/common/mod.rs"]
 mod common;

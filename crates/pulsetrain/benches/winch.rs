@@ -2,6 +2,7 @@
 //!
 //! Prints a table with tabs between the fields: the quantity, its condition, the figure. A last field is `FAILS` if a
 //! bound is broken.
+#![allow(clippy::disallowed_methods, reason = "benches open their own files")]
 
 use std::time::Duration;
 

@@ -492,7 +492,7 @@ impl<'a> TableReader<'a, '_> {
         }
         // A column that does not grow is no time. If another column grows by fractions, a column that counts by 1 is
         // the row number.
-        let numbers: Vec<Vec<f64>> = (0..header.width()).map(|column| self.numbers(column)).collect();
+        let numbers = self.numbers(header.width());
         let all = |column: usize, is: fn(f64) -> bool| numbers[column].windows(2).all(|pair| is(pair[1] - pair[0]));
         let grows = |column: usize| all(column, |step| step > 0.0);
         let has_fractions =
@@ -544,21 +544,24 @@ impl<'a> TableReader<'a, '_> {
         format!("if {} and {last}, write: {}", is.join(", "), keys.join(", "))
     }
 
-    /// A column's first numbers; none if it has anything else.
-    fn numbers(&self, column: usize) -> Vec<f64> {
+    /// Each column's first numbers; none if it has anything else.
+    fn numbers(&self, width: usize) -> Vec<Vec<f64>> {
         const MOST: usize = 1000;
         let mut table = CsvTable::new(&self.plain);
-        let mut numbers = Vec::new();
-        if table.header().is_err() {
-            return numbers;
+        let mut numbers: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); width];
+        if table.header().is_ok() {
+            for _ in 0..MOST {
+                let Ok(Some(row)) = table.next() else { break };
+                for (column, numbers) in numbers.iter_mut().enumerate() {
+                    let Some(known) = numbers else { continue };
+                    match row.number(column, "") {
+                        Ok(number) => known.push(number),
+                        Err(_) => *numbers = None,
+                    }
+                }
+            }
         }
-        while numbers.len() < MOST
-            && let Ok(Some(row)) = table.next()
-        {
-            let Ok(number) = row.number(column, "") else { return Vec::new() };
-            numbers.push(number);
-        }
-        numbers
+        numbers.into_iter().map(Option::unwrap_or_default).collect()
     }
 
     /// Notes that the header gives another unit than the motion file.

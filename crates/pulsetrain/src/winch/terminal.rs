@@ -185,7 +185,7 @@ impl<W: Write> Screen<W> {
         let room = most.saturating_sub(PROMPT.len());
         let (typed, cursor) = editor.shown(room);
         queue!(self.out, MoveToColumn(0), Clear(ClearType::FromCursorDown), Print(positions), Print("\r\n"))?;
-        queue!(self.out, Print(PROMPT), Print(clean(&typed)), MoveToColumn((PROMPT.len() + cursor) as u16))?;
+        queue!(self.out, Print(PROMPT), Print(clean(typed)), MoveToColumn((PROMPT.len() + cursor) as u16))?;
         self.out.flush()
     }
 }
