@@ -14,7 +14,6 @@
 use crate::ThisProgram;
 use crate::engine::program::Program;
 use crate::engine::regs::{self, Port};
-use pulsetrain_core::boards::uno;
 use pulsetrain_core::wire::message::{Configuration, MotorSetup, NO_PIN};
 use pulsetrain_core::wire::{Reason, Refusal};
 
@@ -248,20 +247,24 @@ impl Layout {
 /// The way to make all these edges.
 #[inline(never)]
 fn kind(configuration: &Configuration<'_>, steps: u16, dirs: u16, shared: u16) -> Result<Kind, Refusal> {
+    const COMPARE: u16 = 0x0600;
+    const PORT_D: u16 = 0x00fc;
+    const PORT_B: u16 = 0x3f00;
     let all = steps | dirs;
     // The compare hardware makes pulses that are active high.
     let low = configuration.motors().any(|motor| motor.step_low);
-    if steps & !uno::COMPARE_STEP_PINS == 0 && shared == 0 && !low {
+    if steps & !COMPARE == 0 && shared == 0 && !low {
         return Ok(Kind::Compare);
     }
-    if all & !uno::PORT_D_PINS == 0 {
+    if all & !PORT_D == 0 {
         return Ok(Kind::PortD);
     }
-    if all & !uno::PORT_B_PINS == 0 {
+    if all & !PORT_B == 0 {
         return Ok(Kind::PortB);
     }
     for MotorSetup { step_pin, dir_pin, .. } in configuration.motors() {
-        if (step_pin, dir_pin) == uno::SHIELD_MOTOR || (step_pin < 8 && dir_pin < 8) {
+        // STEP 12 and DIR 13 belong together.
+        if (step_pin == 12 && dir_pin == 13) || (step_pin < 8 && dir_pin < 8) {
             continue;
         }
         return Err(refused(Reason::PinMix, if step_pin < 8 { dir_pin } else { step_pin }));
