@@ -169,7 +169,7 @@ mod tests {
     #[test]
     fn no_circle_between_modules_of_a_crate() {
         // On the Pico the board configures the axes of its text, and a port forwards text to them: each knows the other.
-        const KNOWN: [(&str, &str); 2] = [("machine", "winch"), ("port_io", "winch")];
+        const KNOWN: [(&str, &str); 2] = [("board", "winch"), ("port_io", "winch")];
         let mut circles = Vec::new();
         for folder in crates(&crate::command::root()) {
             let mut modules = modules(&folder);

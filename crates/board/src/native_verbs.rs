@@ -22,6 +22,7 @@ const SLICE: u64 = 1 << 20;
 /// use pulsetrain_board::native_verbs::NativeVerbs;
 /// use pulsetrain_board::{Config, Edge, MotorConfig, Wiring};
 /// use pulsetrain_core::verbs::{MotorTiming, Verb};
+/// use pulsetrain_core::wire::message::Cause;
 /// use pulsetrain_core::wire::orders::{Orders, order};
 ///
 /// let wiring = Wiring::StepDir { step: 2, dir: 3, forward_high: true, pulse_ticks: 10, setup_ticks: 5 };
@@ -32,7 +33,8 @@ const SLICE: u64 = 1 << 20;
 /// let mut rises = Vec::new();
 /// board.advance(1000, &mut |edge: Edge| if edge.line == 2 && edge.level { rises.push(edge.tick) });
 /// assert_eq!(rises, [50, 150]);
-/// assert_eq!(board.done(), [(0, 250, 1)]);
+/// let done = board.events().into_iter().find(|event| event.cause == Cause::MoveDone).unwrap();
+/// assert_eq!((done.motor, done.tick, done.detail), (0, 250, 1));
 /// # Ok::<(), pulsetrain_board::native::ConfigError>(())
 /// ```
 #[derive(Debug)]

@@ -4,12 +4,12 @@ use pulsetrain_motion::human;
 use std::cell::Cell;
 use std::fmt::Display;
 use std::io::{self, BufRead, IsTerminal, Write};
-use std::path::Path;
 
 use indicatif::{ProgressBar, ProgressStyle};
-use miette::Diagnostic;
 use pulsetrain_session::control::Event;
 
+pub use crate::access::{Access, access};
+use crate::access::unprinted;
 use crate::clean::{Cleaned, escaped_json};
 use crate::files::inputs::{MAX_TYPED_BYTES, next_line};
 
@@ -29,73 +29,6 @@ pub enum Exit {
 impl From<Exit> for std::process::ExitCode {
     fn from(exit: Exit) -> Self {
         std::process::ExitCode::from(exit as u8)
-    }
-}
-
-/// A file, or the output, cannot be read or written.
-#[derive(Debug, thiserror::Error)]
-#[error("cannot {action} {what}: {}", in_words(.error))]
-pub struct Access {
-    action: &'static str,
-    what: String,
-    /// What on the command line says where a file goes.
-    option: Option<&'static str>,
-    // Its text is in the message, so it is no source: else it would be printed twice.
-    error: io::Error,
-}
-
-impl Diagnostic for Access {
-    fn help<'a>(&'a self) -> Option<Box<dyn Display + 'a>> {
-        let advice = match (self.action, self.option, self.error.kind()) {
-            ("read", _, io::ErrorKind::NotFound) => {
-                "look at the path; it counts from the folder in which you are".to_owned()
-            }
-            ("read", ..) => return None,
-            (_, Some(option), io::ErrorKind::PermissionDenied) => {
-                format!("{}, or change its permissions", elsewhere(option))
-            }
-            (_, Some(option), io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => {
-                format!("make room, or {}", elsewhere(option))
-            }
-            (_, Some(option), io::ErrorKind::AlreadyExists) => {
-                format!("{}, or delete it first", elsewhere(option))
-            }
-            (_, Some(option), _) => elsewhere(option),
-            (_, None, io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded) => "make room".to_owned(),
-            _ => return None,
-        };
-        Some(Box::new(advice))
-    }
-}
-
-impl Access {
-    /// The error for an output, whose place `option` chooses.
-    #[must_use]
-    pub fn write(path: &Path, option: &'static str, error: io::Error) -> Access {
-        Access { action: "write", what: path.display().to_string(), option: Some(option), error }
-    }
-}
-
-/// The cure for an output that cannot be where it was to go: an option, or what stands in its place.
-pub(crate) fn elsewhere(option: &str) -> String {
-    if option.starts_with('-') { format!("take another place with {option}") } else { format!("take another {option}") }
-}
-
-/// A system's error in words, without its number.
-pub(crate) fn in_words(error: &io::Error) -> String {
-    match error.kind() {
-        io::ErrorKind::NotFound => "there is no such file or folder".to_owned(),
-        io::ErrorKind::PermissionDenied => "you may not".to_owned(),
-        io::ErrorKind::StorageFull => "the disk is full".to_owned(),
-        io::ErrorKind::QuotaExceeded => "your share of the disk is full".to_owned(),
-        io::ErrorKind::ReadOnlyFilesystem => "the disk is read-only".to_owned(),
-        io::ErrorKind::AlreadyExists => "it exists already".to_owned(),
-        io::ErrorKind::IsADirectory => "it is a folder".to_owned(),
-        io::ErrorKind::NotADirectory => "a part of its path is a file, not a folder".to_owned(),
-        _ => {
-            let text = error.to_string();
-            text.split(" (os error").next().unwrap_or_default().to_owned()
-        }
     }
 }
 
@@ -127,7 +60,7 @@ impl Console<'_> {
     pub fn print(&mut self, text: impl Display) -> miette::Result<()> {
         match write!(self.out, "{text}").and_then(|()| self.out.flush()) {
             Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
-            Err(error) => Err(Access { action: "write to", what: "the output".into(), option: None, error }.into()),
+            Err(error) => Err(unprinted(error).into()),
             Ok(()) => Ok(()),
         }
     }
@@ -276,12 +209,6 @@ impl Drop for Progress {
 pub fn json(value: &impl serde::Serialize) -> miette::Result<String> {
     let json = pulsetrain_report::json(value).map_err(|error| miette::miette!("cannot write JSON: {error}"))?;
     Ok(escaped_json(&json))
-}
-
-/// An [`Access`] error of a file.
-#[must_use]
-pub fn access(action: &'static str, path: &Path, error: io::Error) -> Access {
-    Access { action, what: path.display().to_string(), option: None, error }
 }
 
 #[cfg(test)]

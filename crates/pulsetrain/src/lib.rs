@@ -69,6 +69,7 @@
 #![cfg_attr(test, allow(clippy::disallowed_methods, reason = "what tests compute may differ in the last digit"))]
 #![forbid(unsafe_code)]
 
+mod access;
 mod arguments;
 pub mod clean;
 pub mod cli;

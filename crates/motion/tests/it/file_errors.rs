@@ -455,7 +455,7 @@ fn phases_may_be_angles() {
 }
 
 #[test]
-fn hundreds_of_problems_are_the_limit_and_five() {
+fn of_hundreds_of_problems_ten_are_named() {
     let motors: String = (0..500)
         .map(|k| format!("[motor.m{k}]\nsteps_per_rev = 200\ndriver = \"A9999\"\npins = {{ step = 8, dir = 9 }}\nforward = \"high\"\n"))
         .collect();
@@ -463,9 +463,9 @@ fn hundreds_of_problems_are_the_limit_and_five() {
         read(&format!("board = \"uno\"\n{motors}[[motion]]\nmotor = \"m0\"\nlaw.rest = \"1 s\"\n")).unwrap_err();
     let told = error.plain();
     assert!(told.starts_with("x.toml:1:9: the board `uno` drives 4 motors at most, but the file has 500\n"), "{told}");
-    assert_eq!(told.matches("unknown driver").count(), 5, "{told}");
-    assert!(told.ends_with("\nand 495 more\n"), "{told}");
-    assert_eq!(error.problems().len(), 501);
+    assert_eq!(told.matches("unknown driver").count(), 9, "{told}");
+    assert!(told.ends_with("\nand 491 more\n"), "{told}");
+    assert_eq!(error.problems().len(), 100, "no more are kept");
 }
 
 #[test]

@@ -337,6 +337,7 @@ mod tests {
                 hz * 0.5 / std::f64::consts::TAU
             )
         };
+        std::fs::create_dir_all(folder).unwrap();
         let file = folder.join("pair.toml");
         let text = format!("board = \"uno\"\ntolerance = \"1 us\"\n{}{}", motor(2, 5), motor(3, 6));
         std::fs::write(&file, text.as_bytes()).unwrap();

@@ -165,7 +165,7 @@ pub(crate) fn run(args: &FilmArgs, console: &mut Console<'_>) -> miette::Result<
     let folder = args.out.clone().unwrap_or_else(|| Path::new("out").join(stem));
     std::fs::create_dir_all(&folder).map_err(|error| Access::write(&folder, "--out", error))?;
     outputs::claim_all(&folder, &["track.csv", "film.svg", "marks.png", "report.json"], "--out")?;
-    let marks = outputs::beside(&folder.join("marks.png"));
+    let marks = outputs::part_path(&folder.join("marks.png"));
 
     let places = |places: &[Place]| places.iter().map(|place| place.0.clone()).collect();
     let settings = Settings {

@@ -9,7 +9,7 @@ use pulsetrain_motion::file;
 pub use crate::live::input_line::{InputLine, next_line};
 
 use super::{Identity, KNOWN};
-use crate::console::{Access, access};
+use crate::access::{Access, access};
 
 /// The largest script of lines that have times, bytes.
 pub const MAX_SCRIPT_BYTES: u64 = 16_000_000;

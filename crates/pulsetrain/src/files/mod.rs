@@ -15,19 +15,19 @@ use std::path::{Path, PathBuf};
 
 thread_local! {
     /// The files of the command that this thread runs.
-    static KNOWN: RefCell<Known> = const { RefCell::new(Known { inputs: Vec::new(), outputs: Vec::new() }) };
+    static KNOWN: RefCell<NamedSoFar> = const { RefCell::new(NamedSoFar { inputs: Vec::new(), outputs: Vec::new() }) };
 }
 
 /// The files of a command.
 #[derive(Debug)]
-struct Known {
+struct NamedSoFar {
     inputs: Vec<(PathBuf, Identity)>,
     outputs: Vec<(outputs::Destination, Identity)>,
 }
 
 /// Begins a command in this thread: it has read nothing yet, and writes to nothing but its own streams.
 pub fn begin() {
-    KNOWN.with_borrow_mut(|known| *known = Known { inputs: Vec::new(), outputs: Vec::new() });
+    KNOWN.with_borrow_mut(|known| *known = NamedSoFar { inputs: Vec::new(), outputs: Vec::new() });
 }
 
 /// Which file it is, by whichever name.

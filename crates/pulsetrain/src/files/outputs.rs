@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use miette::Diagnostic;
 
 use super::{Identity, KNOWN, folder_of};
-use crate::console::{Access, elsewhere};
+use crate::access::{Access, elsewhere};
 
 /// Where a file goes, and what on the command line says so.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -207,7 +207,7 @@ pub(crate) fn rename_own(from: &Path, to: &Path) -> io::Result<()> {
 }
 
 /// A place beside a finished file, for a program that writes it by itself. [`take_place`] gives it its name.
-pub(crate) fn beside(path: &Path) -> PathBuf {
+pub(crate) fn part_path(path: &Path) -> PathBuf {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     path.with_file_name(format!(".{}.part.{name}", std::process::id()))
 }

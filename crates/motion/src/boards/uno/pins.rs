@@ -251,7 +251,7 @@ mod tests {
     #[test]
     fn a_motor_is_on_one_port() {
         for (step, dir, stray) in [
-            (12, 5, "DIR of `b` (pin 5)"),
+            (12, 5, "STEP of `b` (pin 12)"),
             (5, 13, "DIR of `b` (pin 13)"),
             (13, 12, "STEP of `b` (pin 13)"),
             (13, 5, "STEP of `b` (pin 13)"),

@@ -834,7 +834,7 @@ proptest! {
 
 /// Two programs that answer each other, and one that sends back all that it hears: neither goes on for ever.
 #[test]
-fn what_was_told_is_no_order_and_an_answer_is_not_answered() {
+fn an_echo_is_no_order_and_an_answer_is_not_answered() {
     let (ours, theirs): (SocketAddr, SocketAddr) =
         ("127.0.0.1:9000".parse().unwrap(), "127.0.0.1:9001".parse().unwrap());
     let knob = KnobInfo {

@@ -901,7 +901,7 @@ mod real {
         let law = "law.sine = { amplitude = \"200 step\", period = \"1 s\", cycles = 60 }";
         let file = motion(&folder.join("turn.toml"), 1, law);
         for json in [false, true] {
-            let _ = std::fs::remove_file(folder.join("out/steps.csv"));
+            let under_way = folder.join("out/steps.csv.part");
             let (served, _) = Served::new("uno", &["--pty", &link]);
             let run = Command::new(env!("CARGO_BIN_EXE_pulsetrain"))
                 .args(["run", &file, "--port", &link, "--no-rehearsal", "--out", &out])
@@ -910,8 +910,8 @@ mod real {
                 .stderr(Stdio::piped())
                 .spawn()
                 .unwrap();
-            // The first steps are in the file: the motor moves.
-            while std::fs::metadata(folder.join("out/steps.csv")).map_or(0, |file| file.len()) == 0 {
+            // The first steps are in the file, which gets its name at the end: the motor moves.
+            while std::fs::metadata(&under_way).map_or(0, |file| file.len()) == 0 {
                 std::thread::yield_now();
             }
             drop(served.interrupt());
