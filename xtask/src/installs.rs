@@ -30,8 +30,9 @@ const ALSA: [Package; 2] = [("pkg-config", "/usr/bin/pkg-config"), ("libasound2-
 /// With it, `python3 -m venv` makes an environment that has pip.
 const VENV: &str = "python3-venv";
 
-/// The packages of PyPI for the tests: a serial port, plots, packets of OSC, types, films and their clips, S-curves.
-const PYTHON: [&str; 7] = [
+/// The packages of PyPI for the tests: a serial port, plots, packets of OSC, types, films and their clips, S-curves, a
+/// Cortex-M3.
+const PYTHON: [&str; 8] = [
     "pyserial==3.5",
     "matplotlib==3.11.2",
     "python-osc==1.10.2",
@@ -39,6 +40,7 @@ const PYTHON: [&str; 7] = [
     "opencv-python-headless==5.0.0.93",
     "av==18.1.0",
     "ruckig==0.19.4",
+    "unicorn==2.1.4",
 ];
 
 /// Installs all that the gate needs.

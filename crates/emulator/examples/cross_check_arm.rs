@@ -1,8 +1,11 @@
-//! Runs ARMv6-M code and prints what it did, for cross-checks with another emulator.
+//! Runs ARMv6-M and ARMv7-M code and prints what it did, for cross-checks with other emulators.
 //!
 //! - `cross_check_arm instructions`: reads lines of `word word flags registers` (hexadecimal; flags as bits 3 to 0 for N,
 //!   Z, C, V; registers R0 to R14 as 120 digits) and prints `pc flags cycles registers primask msp psp control
 //!   [address:bytes=value]...` after one instruction, or `fault`.
+//! - `cross_check_arm m3`: reads lines of `count halfwords xpsr registers` (hexadecimal; half-words with commas between
+//!   them; registers R0 to R14 as 120 digits) and prints `pc xpsr registers primask basepri faultmask msp psp control
+//!   [address=byte]...` after so many instructions of a Cortex-M3, with the bytes of memory that changed, or `unaligned` or another `fault`.
 //! - `cross_check_arm program IMAGE`: a raw image for the beginning of RAM, with a vector table. A line `instructions
 //!   cycles pc hash` after each 1000 instructions and at `wfi`, the hash being over every instruction's program counter,
 //!   flags and registers.
@@ -13,8 +16,9 @@
 //! - `cross_check_arm usb IMAGE`: the same, with a PC that sends 1000 bytes to its serial port; prints how far the PC came
 //!   and what comes back.
 
-use pulsetrain_emulator::arm::{Bus, BusFault, Config, Cpu, Size};
+use pulsetrain_emulator::arm::{Bus, BusFault, Config, CortexM3, Cpu, FaultCause, M3Options, Size};
 use pulsetrain_emulator::{LineByte, Observer, Rp2040, UsbState, image};
+use std::collections::BTreeSet;
 use std::error::Error;
 use std::fmt::Write as _;
 use std::io::BufRead;
@@ -71,11 +75,14 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<_> = arguments.iter().map(String::as_str).collect();
     let answer = match arguments[..] {
         ["instructions"] => instructions()?,
+        ["m3"] => m3()?,
         ["program", image] => program(&std::fs::read(image)?)?,
         ["firmware", image, instructions] => firmware(&std::fs::read(image)?, instructions.parse()?)?,
         ["usb", image] => usb(&std::fs::read(image)?)?,
         _ => {
-            return Err("usage: cross_check_arm instructions | program IMAGE | firmware IMAGE COUNT | usb IMAGE".into());
+            return Err(
+                "usage: cross_check_arm instructions | m3 | program IMAGE | firmware IMAGE COUNT | usb IMAGE".into()
+            );
         }
     };
     print!("{answer}");
@@ -125,6 +132,73 @@ fn instructions() -> Result<String, Box<dyn Error>> {
             memory.bytes[range.clone()].copy_from_slice(&fresh[range]);
         }
         memory.bytes[at..at + 4].copy_from_slice(&fresh[at..at + 4]);
+    }
+    Ok(text)
+}
+
+/// N, Z, C, V, Q and ITSTATE of XPSR.
+const M3_FLAGS: u32 = 0xfe00_fc00;
+const THUMB: u32 = 1 << 24;
+/// Where branches may go. xtask/cross-check/unicorn_m3.py has the same.
+const CODE_WINDOW: std::ops::Range<u32> = 0x1e00_0000..0x2200_0000;
+
+fn m3() -> Result<String, Box<dyn Error>> {
+    let fresh: Vec<u8> = (RAM..).take(RAM_BYTES).map(pattern).collect();
+    let mut memory = Memory { bytes: fresh.clone(), written: Vec::new() };
+    // Unicorn has all bits of a priority.
+    let options = M3Options { priority_bits: 8, ..M3Options::default() };
+    let mut text = String::new();
+    for line in std::io::stdin().lock().lines() {
+        let line = line?;
+        let [count, code, xpsr, registers] = line.split(' ').collect::<Vec<_>>()[..] else {
+            return Err("four fields expected".into());
+        };
+        let hex = |field| u32::from_str_radix(field, 16);
+        let at = (CODE - RAM) as usize;
+        for (place, half) in memory.bytes[at..].chunks_mut(2).zip(code.split(',')) {
+            place.copy_from_slice(&(hex(half)? as u16).to_le_bytes());
+        }
+        let mut cpu = CortexM3::new(Config::CORTEX_M3, options);
+        for number in 0..15 {
+            let digits = registers.get(8 * number..8 * number + 8).ok_or("120 digits expected")?;
+            cpu.set_register(number, hex(digits)?);
+        }
+        cpu.set_register(15, CODE);
+        cpu.set_xpsr(hex(xpsr)?);
+        for _ in 0..hex(count)? {
+            cpu.step(&mut memory);
+            if cpu.fault().is_some() {
+                break;
+            }
+        }
+        let mut changed = BTreeSet::new();
+        for (address, size, _) in std::mem::take(&mut memory.written) {
+            changed.extend(address..address + size.bytes());
+        }
+        // What would be executed next faults if no Thumb code can be there.
+        let goes_on = cpu.xpsr() & THUMB != 0 && CODE_WINDOW.contains(&cpu.pc());
+        if let Some(FaultCause::Unaligned { .. }) = cpu.fault().map(|fault| fault.cause) {
+            text += "unaligned";
+        } else if cpu.fault().is_some() || !goes_on {
+            text += "fault";
+        } else {
+            let control = u32::from(cpu.register(13) == cpu.psp() && cpu.psp() != cpu.msp()) << 1;
+            write!(text, "{:08x} {:08x} ", cpu.pc(), cpu.xpsr() & M3_FLAGS)?;
+            (0..15).try_for_each(|number| write!(text, "{:08x}", cpu.register(number)))?;
+            write!(text, " {} {:x} {}", u8::from(cpu.primask()), cpu.basepri(), u8::from(cpu.faultmask()))?;
+            write!(text, " {:08x} {:08x} {control}", cpu.msp(), cpu.psp())?;
+            for address in &changed {
+                let place = (address - RAM) as usize;
+                if memory.bytes[place] != fresh[place] {
+                    write!(text, " {address:x}={:x}", memory.bytes[place])?;
+                }
+            }
+        }
+        text.push('\n');
+        for address in changed.into_iter().chain(CODE..CODE + 64) {
+            let place = (address - RAM) as usize;
+            memory.bytes[place] = fresh[place];
+        }
     }
     Ok(text)
 }

@@ -1,5 +1,5 @@
 //! The compared sides: our emulator, simavr with a harness of ours in C, avr8js and rp2040js with harnesses in
-//! JavaScript.
+//! JavaScript, Unicorn with one in Python.
 
 use crate::command::{self, Done, Failure, cargo, command, root};
 use crate::{installs, programs};
@@ -53,6 +53,13 @@ impl Tools {
 
     pub(super) fn ours_arm(&self) -> Command {
         command(programs::example("cross_check_arm"))
+    }
+
+    /// Unicorn's Cortex-M3. It has the GPL: it runs here, and is no part of what the project distributes.
+    pub(super) fn unicorn(&self) -> Done<Command> {
+        let mut python = command(installs::python()?);
+        python.arg("xtask/cross-check/unicorn_m3.py");
+        Ok(python)
     }
 
     /// Compiles `usb_serial`; gives back the ELF file.

@@ -28,10 +28,16 @@ mod decode;
 mod exception;
 mod execute;
 mod fault;
+mod m0plus;
+mod m3;
 mod nvic;
 mod system;
 mod systick;
+mod variant;
 
 pub use bus::{Bus, BusFault, Size};
-pub use cpu::{Config, Cpu, Mode};
+pub use cpu::{Config, Core, Cpu, Mode};
 pub use fault::{Fault, FaultCause};
+pub use m0plus::M0Plus;
+pub use m3::{CortexM3, M3, M3Options};
+pub use variant::Variant;
