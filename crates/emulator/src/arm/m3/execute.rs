@@ -275,7 +275,7 @@ impl CortexM3 {
                 }
             }
             Operation::It { state } => self.variant.it = state,
-            Operation::Barrier => self.cycle = self.cycle.max(self.variant.bus_free + 1),
+            Operation::Barrier => self.cycle = self.cycle.max(self.variant.bus_free),
             Operation::InstructionBarrier => self.cycle += u64::from(self.variant.options.refill),
             Operation::ChangeMasks { set, primask, faultmask } => {
                 self.change_masks(set, primask, faultmask);

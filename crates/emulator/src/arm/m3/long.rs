@@ -402,7 +402,7 @@ fn register(word: Encoding) -> Option<Operation> {
         let flags = if code & 1 != 0 { Flags::Always } else { Flags::Never };
         return (!is_special(n)).then_some(Operation::ShiftBy { shift, flags, d, n, m });
     }
-    if kind >= 8 && kind < 12 && n == 15 {
+    if (8..12).contains(&kind) && n == 15 {
         let rotation = 8 * (kind & 3);
         return match code {
             0 | 1 => Some(Operation::Extend { signed: code == 0, size: Size::Half, d, m, rotation }),
