@@ -58,10 +58,12 @@ pub mod image;
 mod observer;
 mod pin;
 mod rp2040;
+mod sam3x8e;
 mod serial;
 
 pub use avr::{Atmega328p, Boot, BootSize, ImageTooLarge, Masked, Odd, ResetCause};
 pub use observer::Observer;
 pub use pin::{GpioEdge, Level, PinEdge, Port};
 pub use rp2040::{Rp2040, UsbState};
+pub use sam3x8e::{Sam3x8e, Sam3x8eTiming};
 pub use serial::{LineByte, UartByte};

@@ -150,7 +150,7 @@ impl<V: Variant> Core<V> {
         let chained = self.exceptions.chained;
         let cycles = if chained { V::TAIL_CHAIN } else { V::VECTOR };
         let address = self.exceptions.vector_table.wrapping_add(4 * exception);
-        match bus.read(address, Size::Word, began) {
+        match bus.read_vector(address, began) {
             Ok(vector) => {
                 self.pc = vector & !1;
                 self.thumb = vector & 1 != 0;

@@ -8,6 +8,7 @@ mod arm_instructions;
 mod common;
 mod dma;
 mod dma_model;
+mod due_tape;
 mod hex;
 mod image;
 mod instructions;
