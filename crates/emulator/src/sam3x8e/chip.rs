@@ -5,7 +5,7 @@ use super::reset::Cause;
 use super::system::{CoreBus, SRAM0_BYTES, SRAM1_BYTES, System};
 use super::timing::Sam3x8eTiming;
 use crate::arm::{Config, CortexM3, Fault, M3Options};
-use crate::{ImageTooLarge, Level, Observer};
+use crate::{ImageTooLarge, Level, LineByte, Observer};
 
 /// The interrupts of the chip (§9.2).
 const INTERRUPTS: u32 = 45;
@@ -199,6 +199,25 @@ impl Sam3x8e {
     /// Whether the chip drives a pin: it is an output.
     pub fn is_output(&self, pin: u8) -> bool {
         self.system.pins.is_output(pin)
+    }
+
+    /// Puts a character on the line to the UART's receiver. The start bit must not begin before the character before it
+    /// has ended, nor before the present cycle. The receiver samples it at the baud rate that the program has set, if the
+    /// program has given it its pin.
+    pub fn receive(&mut self, byte: LineByte) {
+        self.system.uart.receive(byte);
+        self.system.schedule();
+    }
+
+    /// The cycle by which all characters from [`receive`](Sam3x8e::receive) have passed. It is the present cycle or an
+    /// earlier one if the line is idle.
+    pub fn line_idle_from(&self) -> u64 {
+        self.system.uart.line_end()
+    }
+
+    /// Whether the UART still sends, or has characters to send.
+    pub fn is_transmitting(&self) -> bool {
+        self.system.uart.is_sending()
     }
 
     /// Sets the unique number that flash returns.

@@ -3,7 +3,8 @@
 //! - `chip`: what users call; the processor and the system on one clock
 //! - `system`: which memory or peripheral is at which address, what an access costs, the order of events in a cycle
 //! - `timing`: times that no document gives
-//! - `tc`, `pio`, `pmc`, `flash`: timers, pins, clocks, flash with its controllers
+//! - `tc`, `pio`, `pmc`, `flash`, `uart`: timers, pins, clocks, flash with its controllers, the programming port's UART
+//!   with its DMA
 //! - `reset`: reset controller, watchdog, chip number
 //!
 //! The processor itself is [`crate::arm`].
@@ -16,6 +17,7 @@ mod reset;
 mod system;
 mod tc;
 mod timing;
+mod uart;
 
 pub use chip::Sam3x8e;
 pub use timing::Sam3x8eTiming;

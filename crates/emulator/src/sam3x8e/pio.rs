@@ -284,6 +284,12 @@ impl Pins {
         self.ports[usize::from(pin / 32) & 3].driven() >> (pin % 32) & 1 != 0
     }
 
+    /// Whether the UART's transmitter has its pin, PA9, and its receiver PA8, both as peripheral A.
+    pub(super) fn connects_uart(&self) -> [bool; 2] {
+        let taken = self.ports[0].enabled | self.ports[0].peripheral_b;
+        [taken & 1 << 9 == 0, taken & 1 << 8 == 0]
+    }
+
     /// The interrupt lines, bit 0 for A.
     pub(super) fn lines(&self) -> u64 {
         self.ports.iter().rev().fold(0, |lines, port| lines << 1 | u64::from(port.status & port.mask != 0))

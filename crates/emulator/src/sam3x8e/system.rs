@@ -10,6 +10,7 @@ use super::pmc::Pmc;
 use super::reset::{CHIP_ID, Cause, ResetController, Watchdog};
 use super::tc::{TimerClocks, Timers};
 use super::timing::Sam3x8eTiming;
+use super::uart::Uart;
 use crate::Observer;
 use crate::arm::{Bus, BusFault, Size};
 use std::collections::BTreeMap;
@@ -29,6 +30,7 @@ const TC0: u32 = 0x4008_0000;
 const TC2: u32 = 0x4008_8000;
 const MATRIX: u32 = 0x400e_0400;
 const PMC: u32 = 0x400e_0600;
+const UART: u32 = 0x400e_0800;
 const CHIPID: u32 = 0x400e_0940;
 const EEFC0: u32 = 0x400e_0a00;
 const EEFC1: u32 = 0x400e_0c00;
@@ -41,6 +43,7 @@ mod id {
     pub(super) const WATCHDOG: u32 = 4;
     pub(super) const PMC: u32 = 5;
     pub(super) const EEFC0: u32 = 6;
+    pub(super) const UART: u32 = 8;
     pub(super) const PIOA: u32 = 11;
     pub(super) const TC0: u32 = 27;
 }
@@ -101,6 +104,7 @@ pub(super) struct System {
     pub(super) timers: Timers,
     pub(super) pins: Pins,
     pub(super) pmc: Pmc,
+    pub(super) uart: Uart,
     matrix: Matrix,
     pub(super) resets: ResetController,
     pub(super) watchdog: Watchdog,
@@ -127,6 +131,7 @@ impl System {
             flash: Flash::new(image),
             timers: Timers::new(),
             pins: Pins::new(),
+            uart: Uart::new(),
             matrix: Matrix::new(),
             resets: ResetController::new(Cause::PowerUp),
             watchdog: Watchdog::new(&pmc.slow, 0),
@@ -149,6 +154,7 @@ impl System {
         self.pmc.reset(cycle);
         self.timers = Timers::new();
         self.pins.reset(cycle, observer);
+        self.uart.reset(cycle);
         self.matrix = Matrix::new();
         self.resets = ResetController::new(cause);
         self.watchdog = Watchdog::new(&self.pmc.slow, cycle);
@@ -164,7 +170,26 @@ impl System {
         self.timers.set_clocks(TimerClocks { enabled, slow_cycles: self.pmc.slow.period() }, cycle);
         self.pins.set_clocks((self.pmc.enabled() >> id::PIOA) as u32 & 15);
         self.watchdog.schedule(&self.pmc.slow);
+        self.connect_uart(cycle);
         self.schedule();
+    }
+
+    fn connect_uart(&mut self, cycle: u64) {
+        let clocked = self.pmc.enabled() >> id::UART & 1 != 0;
+        self.uart.connect(clocked, self.pins.connects_uart(), cycle);
+    }
+
+    /// The UART's DMA moves what it can (§26.4).
+    fn move_bytes(&mut self, cycle: u64) {
+        while let Some(address) = self.uart.fetches() {
+            let word = self.peek(address & !3).unwrap_or(0);
+            self.uart.put((word >> (8 * (address & 3))) as u8, cycle);
+        }
+        while let Some((address, byte)) = self.uart.stores() {
+            if let Some((bytes, at)) = self.sram_mut(address) {
+                bytes[at] = byte;
+            }
+        }
     }
 
     /// Handles all events in the cycles before this one.
@@ -182,6 +207,10 @@ impl System {
         }
         if self.flash.next == now {
             self.flash.run(now);
+        }
+        if self.uart.next == now {
+            self.uart.run(now, observer);
+            self.move_bytes(now + 1);
         }
         if self.watchdog.next == now && self.watchdog.run_out() {
             self.reset = Some(Cause::Watchdog);
@@ -205,7 +234,7 @@ impl System {
     }
 
     pub(super) fn schedule(&mut self) {
-        self.next = self.timers.next.min(self.flash.next).min(self.watchdog.next);
+        self.next = self.timers.next.min(self.flash.next).min(self.uart.next).min(self.watchdog.next);
     }
 
     /// The levels of the interrupt lines.
@@ -214,6 +243,7 @@ impl System {
             | u64::from(self.pmc.line_asserted(cycle)) << id::PMC
             | u64::from(self.flash.line_asserted(0, cycle)) << id::EEFC0
             | u64::from(self.flash.line_asserted(1, cycle)) << (id::EEFC0 + 1)
+            | u64::from(self.uart.line_asserted()) << id::UART
             | self.pins.lines() << id::PIOA
             | self.timers.lines() << id::TC0
     }
@@ -363,8 +393,9 @@ impl System {
         let value = match address {
             TC0..0x4008_c000 => self.timers.read(((address - TC0) >> 14) as usize, address & 0x3fff, at),
             MATRIX..PMC => self.matrix.register(address - MATRIX).map_or(0, |register| *register),
-            PMC..0x400e_0800 => self.pmc.read(address - PMC, at),
+            PMC..UART => self.pmc.read(address - PMC, at),
             CHIPID => CHIP_ID,
+            UART..CHIPID => self.uart.read(address - UART),
             EEFC0..PIOA => {
                 let number = usize::from(address >= EEFC1);
                 self.flash.read_register(number, address & 0x1ff, at)
@@ -409,7 +440,11 @@ impl System {
                     *register = value;
                 }
             }
-            PMC..0x400e_0800 => {
+            UART..CHIPID => {
+                self.uart.write(address - UART, value, at);
+                self.move_bytes(at + 1);
+            }
+            PMC..UART => {
                 if self.pmc.write(address - PMC, value, at) {
                     observer.clock_frequency(at + 1, self.pmc.hz());
                 }
@@ -421,6 +456,7 @@ impl System {
             }
             PIOA..0x400e_1600 => {
                 self.pins.write(((address - PIOA) >> 9) as usize, (address - PIOA) & 0x1ff, value, at, observer);
+                self.connect_uart(at + 1);
             }
             SYSTEM..0x400e_1ac0 => self.write_system(address - SYSTEM, value, at),
             _ if is_plain(address) => {

@@ -23,6 +23,7 @@ mod ports;
 mod programs;
 mod random;
 mod rp2040;
+mod sam3x8e;
 mod self_programming;
 mod three_machine_motor;
 mod timers;
