@@ -60,10 +60,12 @@ mod pin;
 mod rp2040;
 mod sam3x8e;
 mod serial;
+mod usb;
 
 pub use avr::{Atmega328p, Boot, BootSize, ImageTooLarge, Masked, Odd, ResetCause};
 pub use observer::Observer;
 pub use pin::{GpioEdge, Level, PinEdge, Port};
-pub use rp2040::{Rp2040, UsbState};
+pub use rp2040::Rp2040;
 pub use sam3x8e::{Sam3x8e, Sam3x8eTiming};
 pub use serial::{LineByte, UartByte};
+pub use usb::UsbState;

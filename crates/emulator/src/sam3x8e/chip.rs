@@ -4,8 +4,8 @@
 use super::reset::Cause;
 use super::system::{CoreBus, SRAM0_BYTES, SRAM1_BYTES, System};
 use super::timing::Sam3x8eTiming;
-use crate::arm::{Config, CortexM3, Fault, M3Options};
-use crate::{ImageTooLarge, Level, LineByte, Observer};
+use crate::arm::{Config, CortexM3, Fault, M3Options, Size};
+use crate::{ImageTooLarge, Level, LineByte, Observer, UsbState};
 
 /// The interrupts of the chip (§9.2).
 const INTERRUPTS: u32 = 45;
@@ -220,6 +220,81 @@ impl Sam3x8e {
         self.system.uart.is_sending()
     }
 
+    /// Plugs in the cable between the native USB port and a PC, or pulls it. When the firmware is ready, the PC enumerates and
+    /// configures the device: see [`usb_state`](Sam3x8e::usb_state).
+    pub fn usb_plug(&mut self, plugged: bool) {
+        let cycle = self.cpu.cycle();
+        self.system.usb.plug(plugged, cycle);
+        self.usb_changed();
+    }
+
+    /// A program on the PC opens the USB serial port, or closes it. If the port is not there yet, it opens as soon as
+    /// it is.
+    pub fn usb_open(&mut self, open: bool) {
+        let cycle = self.cpu.cycle();
+        self.system.usb.open(open, cycle);
+        self.usb_changed();
+    }
+
+    /// With `true`, the program on the PC stops reading from the open port and the PC's buffers are full, so that the
+    /// PC requests no data from the device. With `false` it reads again.
+    pub fn usb_fill(&mut self, is_full: bool) {
+        let cycle = self.cpu.cycle();
+        self.system.usb.fill(is_full, cycle);
+        self.usb_changed();
+    }
+
+    /// The PC sends bytes to the USB serial port from the present cycle on, as fast as bus and device allow. The bytes
+    /// wait while the port is not open.
+    pub fn usb_send(&mut self, bytes: &[u8]) {
+        let cycle = self.cpu.cycle();
+        self.system.usb.send(bytes, cycle);
+        self.usb_changed();
+    }
+
+    /// The PC clears the halt of an endpoint of the USB serial port (bit 7: towards the PC), whether it is halted or
+    /// not. The endpoint goes on with DATA0.
+    pub fn usb_clear_halt(&mut self, endpoint: u8) {
+        let cycle = self.cpu.cycle();
+        self.system.usb.clear_halt(endpoint, cycle);
+        self.usb_changed();
+    }
+
+    /// The PC selects a configuration of the USB device. If the device refuses it, nothing changes.
+    pub fn usb_try_configuration(&mut self, value: u8) {
+        let cycle = self.cpu.cycle();
+        self.system.usb.try_configuration(value, cycle);
+        self.usb_changed();
+    }
+
+    /// The PC halts an endpoint of the USB serial port (bit 7: towards the PC). No data pass there until the PC
+    /// [clears](Sam3x8e::usb_clear_halt) it.
+    pub fn usb_halt(&mut self, endpoint: u8) {
+        let cycle = self.cpu.cycle();
+        self.system.usb.halt(endpoint, cycle);
+        self.usb_changed();
+    }
+
+    /// A string descriptor of the USB device, by its index; `None` if the PC has not read one.
+    pub fn usb_text(&self, index: u8) -> Option<String> {
+        self.system.usb.text(index)
+    }
+
+    /// Bytes of [`usb_send`](Sam3x8e::usb_send) that the device has not taken yet.
+    pub fn usb_backlog(&self) -> usize {
+        self.system.usb.backlog()
+    }
+
+    /// How far the PC has brought the USB device.
+    pub fn usb_state(&self) -> UsbState {
+        self.system.usb.state()
+    }
+
+    fn usb_changed(&mut self) {
+        self.system.schedule();
+        self.system.touch(self.cpu.cycle());
+    }
+
     /// Sets the unique number that flash returns.
     pub fn set_unique_id(&mut self, id: [u8; 16]) {
         self.system.flash.id = id;
@@ -269,11 +344,15 @@ impl Sam3x8e {
     /// Writes a word of memory or a register in the present cycle. The effect is there in the next cycle. A write to an
     /// address where nothing is has no effect; flash gets the bytes as they are.
     pub fn write(&mut self, address: u32, value: u32, observer: &mut impl Observer) {
-        let address = address & !3;
-        let bytes = (address..).zip(value.to_le_bytes());
-        if !bytes.fold(false, |is_memory, (at, byte)| self.system.poke(at, byte) || is_memory) {
+        self.write_part(address & !3, Size::Word, value, observer);
+    }
+
+    /// Writes a word, or a part of one, as [`write`](Sam3x8e::write) does.
+    pub fn write_part(&mut self, address: u32, size: Size, value: u32, observer: &mut impl Observer) {
+        let bytes = &value.to_le_bytes()[..size.bytes() as usize];
+        if !self.poke(address, bytes) {
             // A write to an address where nothing is has no effect.
-            let _ = self.system.write_register(address, value, self.cpu.cycle(), observer);
+            let _ = self.system.write_at(address, size, value, self.cpu.cycle(), observer);
         }
     }
 

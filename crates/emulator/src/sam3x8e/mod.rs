@@ -5,6 +5,7 @@
 //! - `timing`: times that no document gives
 //! - `tc`, `pio`, `pmc`, `flash`, `uart`: timers, pins, clocks, flash with its controllers, the programming port's UART
 //!   with its DMA
+//! - `uotghs`: USB; the PC at the other end of the cable is in `crate::usb`
 //! - `reset`: reset controller, watchdog, chip number
 //!
 //! The processor itself is [`crate::arm`].
@@ -18,6 +19,7 @@ mod system;
 mod tc;
 mod timing;
 mod uart;
+mod uotghs;
 
 pub use chip::Sam3x8e;
 pub use timing::Sam3x8eTiming;

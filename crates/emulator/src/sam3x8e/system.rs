@@ -11,6 +11,7 @@ use super::reset::{CHIP_ID, Cause, ResetController, Watchdog};
 use super::tc::{TimerClocks, Timers};
 use super::timing::Sam3x8eTiming;
 use super::uart::Uart;
+use super::uotghs::{Uotghs, Usb};
 use crate::Observer;
 use crate::arm::{Bus, BusFault, Size};
 use std::collections::BTreeMap;
@@ -24,10 +25,14 @@ pub(super) const SRAM0_BYTES: usize = 64 * 1024;
 const SRAM1: u32 = 0x2008_0000;
 pub(super) const SRAM1_BYTES: usize = 32 * 1024;
 const SRAM_END: u32 = 0x2010_0000;
+/// The banks of USB's endpoints.
+const USB_BANKS: u32 = 0x2018_0000;
+const USB_BANKS_END: u32 = USB_BANKS + 10 * 0x8000;
 
 /// Peripherals.
 const TC0: u32 = 0x4008_0000;
 const TC2: u32 = 0x4008_8000;
+const UOTGHS: u32 = 0x400a_c000;
 const MATRIX: u32 = 0x400e_0400;
 const PMC: u32 = 0x400e_0600;
 const UART: u32 = 0x400e_0800;
@@ -46,6 +51,7 @@ mod id {
     pub(super) const UART: u32 = 8;
     pub(super) const PIOA: u32 = 11;
     pub(super) const TC0: u32 = 27;
+    pub(super) const UOTGHS: u32 = 40;
 }
 
 /// Slaves of the bus matrix (§9, table of slaves).
@@ -54,6 +60,7 @@ enum Slave {
     Sram0 = 0,
     Sram1 = 1,
     Flash = 3,
+    UsbBanks = 4,
     LowBridge = 7,
     HighBridge = 8,
 }
@@ -105,6 +112,7 @@ pub(super) struct System {
     pub(super) pins: Pins,
     pub(super) pmc: Pmc,
     pub(super) uart: Uart,
+    pub(super) usb: Usb,
     matrix: Matrix,
     pub(super) resets: ResetController,
     pub(super) watchdog: Watchdog,
@@ -132,6 +140,7 @@ impl System {
             timers: Timers::new(),
             pins: Pins::new(),
             uart: Uart::new(),
+            usb: Usb::new(Uotghs::new()),
             matrix: Matrix::new(),
             resets: ResetController::new(Cause::PowerUp),
             watchdog: Watchdog::new(&pmc.slow, 0),
@@ -155,6 +164,7 @@ impl System {
         self.timers = Timers::new();
         self.pins.reset(cycle, observer);
         self.uart.reset(cycle);
+        self.usb.reset(cycle);
         self.matrix = Matrix::new();
         self.resets = ResetController::new(cause);
         self.watchdog = Watchdog::new(&self.pmc.slow, cycle);
@@ -171,12 +181,20 @@ impl System {
         self.pins.set_clocks((self.pmc.enabled() >> id::PIOA) as u32 & 15);
         self.watchdog.schedule(&self.pmc.slow);
         self.connect_uart(cycle);
+        self.usb.set_clock(self.pmc.hz(), cycle);
+        self.clock_usb(cycle);
         self.schedule();
     }
 
     fn connect_uart(&mut self, cycle: u64) {
         let clocked = self.pmc.enabled() >> id::UART & 1 != 0;
         self.uart.connect(clocked, self.pins.connects_uart(), cycle);
+    }
+
+    /// USB has its clock when the UTMI's PLL is locked.
+    fn clock_usb(&mut self, cycle: u64) {
+        let clocked = self.pmc.enabled() >> id::UOTGHS & 1 != 0 && self.pmc.utmi_runs(cycle);
+        self.usb.set_clocked(clocked, cycle);
     }
 
     /// The UART's DMA moves what it can (§26.4).
@@ -212,6 +230,9 @@ impl System {
             self.uart.run(now, observer);
             self.move_bytes(now + 1);
         }
+        if self.usb.next == now {
+            self.usb.run(now, observer);
+        }
         if self.watchdog.next == now && self.watchdog.run_out() {
             self.reset = Some(Cause::Watchdog);
         }
@@ -234,7 +255,8 @@ impl System {
     }
 
     pub(super) fn schedule(&mut self) {
-        self.next = self.timers.next.min(self.flash.next).min(self.uart.next).min(self.watchdog.next);
+        self.next =
+            self.timers.next.min(self.flash.next).min(self.uart.next).min(self.usb.next).min(self.watchdog.next);
     }
 
     /// The levels of the interrupt lines.
@@ -246,6 +268,7 @@ impl System {
             | u64::from(self.uart.line_asserted()) << id::UART
             | self.pins.lines() << id::PIOA
             | self.timers.lines() << id::TC0
+            | u64::from(self.usb.line_asserted()) << id::UOTGHS
     }
 
     // Memories.
@@ -324,6 +347,11 @@ impl System {
             return Ok(self.flash.read(offset, size, cycle, slow));
         }
         self.hold_system_fetch();
+        if let USB_BANKS..USB_BANKS_END = address {
+            self.advance(cycle, observer);
+            let waits = self.matrix.waits(Slave::UsbBanks);
+            return Ok((self.usb.read_fifo(address - USB_BANKS, size), waits));
+        }
         let waits = self.timing.load_waits + self.bridge_waits(address);
         let word = self.read_register(address & !3, cycle + u64::from(waits), observer)?;
         Ok((word >> (8 * (address & 3)) & mask(size), waits))
@@ -349,9 +377,29 @@ impl System {
             return Ok(0);
         }
         self.hold_system_fetch();
-        let waits = self.timing.store_waits + self.bridge_waits(address);
-        self.write_register(address & !3, value << (8 * (address & 3)), cycle + u64::from(waits), observer)?;
+        let waits = match address {
+            USB_BANKS..USB_BANKS_END => self.matrix.waits(Slave::UsbBanks),
+            _ => self.timing.store_waits + self.bridge_waits(address),
+        };
+        self.write_at(address, size, value, cycle + u64::from(waits), observer)?;
         Ok(waits)
+    }
+
+    /// Writes to what is no memory, without wait cycles.
+    pub(super) fn write_at(
+        &mut self,
+        address: u32,
+        size: Size,
+        value: u32,
+        at: u64,
+        observer: &mut impl Observer,
+    ) -> Result<(), BusFault> {
+        if let USB_BANKS..USB_BANKS_END = address {
+            self.advance(at + 1, observer);
+            self.usb.write_fifo(address - USB_BANKS, size, value);
+            return Ok(());
+        }
+        self.write_register(address & !3, value << (8 * (address & 3)), at, observer)
     }
 
     fn bridge_waits(&self, address: u32) -> u32 {
@@ -396,6 +444,11 @@ impl System {
             PMC..UART => self.pmc.read(address - PMC, at),
             CHIPID => CHIP_ID,
             UART..CHIPID => self.uart.read(address - UART),
+            UOTGHS..0x400b_0000 => {
+                self.clock_usb(at);
+                self.usb.read(address - UOTGHS, at)
+            }
+            USB_BANKS..USB_BANKS_END => self.usb.read_fifo(address - USB_BANKS, Size::Word),
             EEFC0..PIOA => {
                 let number = usize::from(address >= EEFC1);
                 self.flash.read_register(number, address & 0x1ff, at)
@@ -421,7 +474,7 @@ impl System {
     }
 
     /// Writes a register without wait cycles; the effect is there in the next cycle.
-    pub(super) fn write_register(
+    fn write_register(
         &mut self,
         address: u32,
         value: u32,
@@ -443,6 +496,10 @@ impl System {
             UART..CHIPID => {
                 self.uart.write(address - UART, value, at);
                 self.move_bytes(at + 1);
+            }
+            UOTGHS..0x400b_0000 => {
+                self.clock_usb(at);
+                self.usb.write(address - UOTGHS, value, at);
             }
             PMC..UART => {
                 if self.pmc.write(address - PMC, value, at) {

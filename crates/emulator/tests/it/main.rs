@@ -9,6 +9,7 @@ mod common;
 mod dma;
 mod dma_model;
 mod due_tape;
+mod due_usb;
 mod hex;
 mod image;
 mod instructions;

@@ -683,13 +683,34 @@ fn resets() {
 /// Any register, any value, in any order: no panic, and time goes on.
 #[test]
 fn any_register() {
-    let regions =
-        [TC0, TC0 + 0x4000, PMC, UART, UART + 0x100, EEFC0, EEFC1, PIOA, PIOB, PIOD, RSTC, WATCHDOG, MATRIX, RAM];
+    let regions = [
+        0x400a_c000,
+        0x400a_c100,
+        0x400a_c1c0,
+        0x400a_c800,
+        0x2018_0000,
+        TC0,
+        TC0 + 0x4000,
+        PMC,
+        UART,
+        UART + 0x100,
+        EEFC0,
+        EEFC1,
+        PIOA,
+        PIOB,
+        PIOD,
+        RSTC,
+        WATCHDOG,
+        MATRIX,
+        RAM,
+    ];
     for seed in 1..=150u64 {
         let mut random = Random::new(seed);
         let mut bench = Bench::new();
+        bench.chip.usb_plug(true);
+        bench.chip.usb_open(true);
         for _ in 0..400 {
-            let address = regions[random.below(14) as usize] + random.below(0x50) * 4;
+            let address = regions[random.below(19) as usize] + random.below(0x50) * 4;
             let value = match random.below(4) {
                 0 => random.below(64),
                 1 => 1 << random.below(32),
