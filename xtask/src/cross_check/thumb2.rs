@@ -331,6 +331,11 @@ pub(super) fn instructions(tools: &Tools) -> Done<Comparison> {
     let input: String = cases.iter().map(|(_, case)| case.as_str()).collect();
     let ours = tools.ask("thumb2", tools.ours_arm().arg("m3"), &input)?;
     let theirs = tools.ask("thumb2", &mut tools.unicorn()?, &input)?;
+    judge(&cases, &ours, &theirs)
+}
+
+/// Compares what both sides have answered.
+fn judge(cases: &[(&str, String)], ours: &str, theirs: &str) -> Done<Comparison> {
     let (ours, mut theirs): (Vec<_>, Vec<_>) = (ours.lines().collect(), theirs.lines().collect());
     let met = theirs.pop().and_then(|last| last.strip_prefix("met "));
     let times =
@@ -480,4 +485,46 @@ fn case_with(count: u16, code: &[u16], registers: &[(usize, u32)], random: &mut 
         line += &format!("{value:08x}");
     }
     line + "\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_difference_is_found() {
+        let cases = [("nop", "1 bf00 0\n".to_owned()), ("stm", "1 c003 0\n".to_owned())];
+        let found = |ours: &str, theirs: &str| {
+            let theirs = format!("{theirs}\nmet STACK=3 BLOCK=0\n");
+            let comparison = judge(&cases, ours, &theirs).expect("as many answers as cases");
+            (comparison.differences.len(), comparison.exceptions)
+        };
+        let met = |aligned| vec![("STACK", 3), ("BLOCK", 0), ("ALIGN", aligned)];
+        assert_eq!(found("a\nb", "a\nb"), (0, met(0)));
+        assert_eq!(found("a\nb", "a\nc").0, 2, "another answer; the form was never executed as there");
+        // Both fault: nothing differs, but the form was never executed.
+        assert_eq!(found("a\nfault", "a\nfault").0, 1);
+        assert_eq!(found("a\nunaligned", "a\nb"), (1, met(1)));
+        assert_eq!(found("a\nfault", "a\nb").0, 2);
+        assert!(judge(&cases, "a", "a\nmet STACK=0 BLOCK=0").is_err());
+        assert!(judge(&cases, "a\nb", "a\nb").is_err(), "it does not say what it met");
+    }
+
+    /// A pattern has 32 bits, and what its rule forbids does not come.
+    #[test]
+    fn forms() {
+        let mut random = Random::new(1);
+        for (pattern, name, rule) in FORMS {
+            for _ in 0..20 {
+                let [first, second] = filled(pattern, *rule, &mut random);
+                assert!(first >= 0xe800, "{name}");
+                if *rule == Condition {
+                    assert!(first >> 6 & 15 < 14, "{name}");
+                }
+                if *rule == List {
+                    assert!(second.count_ones() >= 2 && second & 1 << 13 == 0, "{name}");
+                }
+            }
+        }
+    }
 }

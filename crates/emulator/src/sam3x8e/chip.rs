@@ -7,9 +7,9 @@ use super::timing::Sam3x8eTiming;
 use crate::arm::{Config, CortexM3, Fault, M3Options, Size};
 use crate::{ImageTooLarge, Level, LineByte, Observer, UsbState};
 
-/// The interrupts of the chip (§9.2).
+/// The interrupts of the chip (§9).
 const INTERRUPTS: u32 = 45;
-/// The clock of SysTick's reference: the master clock divided by 8 (§10.22.2).
+/// The clock of SysTick's reference: the master clock divided by 8 (§10).
 const SYSTICK_REFERENCE: u32 = 8;
 
 /// A SAM3X8E on an Arduino Due, with its program in flash.

@@ -23,7 +23,7 @@ const ERASE_AND_WRITE_US: u64 = 4600;
 const ERASE_ALL_US: u64 = 11_500;
 const BIT_US: u64 = 1300;
 
-/// EEFC_FMR (§18.5.1).
+/// EEFC_FMR (§18).
 mod fmr {
     pub(super) const READY_INTERRUPT: u32 = 1;
     pub(super) const WAIT_STATES_AT: u32 = 8;
@@ -33,7 +33,7 @@ mod fmr {
     pub(super) const NARROW: u32 = 1 << 24;
 }
 
-/// EEFC_FSR (§18.5.3).
+/// EEFC_FSR (§18).
 mod fsr {
     pub(super) const READY: u32 = 1;
     pub(super) const COMMAND_ERROR: u32 = 1 << 1;
@@ -42,7 +42,7 @@ mod fsr {
 
 const KEY: u32 = 0x5a;
 
-/// The commands of EEFC_FCR (§18.4.3).
+/// The commands of EEFC_FCR (§18).
 mod command {
     pub(super) const DESCRIPTOR: u32 = 0;
     pub(super) const WRITE: u32 = 1;
@@ -228,7 +228,7 @@ impl Flash {
         bytes.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte))
     }
 
-    /// Writes to a plane's latch. Only words are taken (§18.4.3.2).
+    /// Writes to a plane's latch. Only words are taken (§18).
     pub(super) fn write(&mut self, offset: u32, size: Size, value: u32) {
         if size == Size::Word {
             let place = offset as usize % PAGE_BYTES;
@@ -274,7 +274,7 @@ impl Flash {
         let (start, gpnvm) = (number * PLANE_BYTES, self.gpnvm);
         let controller = &mut self.controllers[number];
         if cycle < controller.busy_until {
-            // §18.4.3: a command while another is under way is an error, and so is a wrong key.
+            // §18: a command while another is under way is an error, and so is a wrong key.
             controller.errors |= fsr::COMMAND_ERROR;
             return;
         }
@@ -330,7 +330,7 @@ impl Flash {
                 controller.results.extend(regions);
             }
         }
-        // While the number is shown the controller is not ready (§18.4.3.8), but nothing keeps a program from stopping it.
+        // While the number is shown the controller is not ready (§18), but nothing keeps a program from stopping it.
         self.forget();
         self.schedule();
     }

@@ -1,4 +1,4 @@
-//! The pins: parallel I/O controllers A to D, and what peripherals drive (Atmel-11057C §31; multiplexing: §9.3).
+//! The pins: parallel I/O controllers A to D, and what peripherals drive (Atmel-11057C §31; multiplexing: §9).
 //!
 //! Pins are numbered 0 to 31 for port A, 32 to 63 for B, 64 to 95 for C, 96 to 127 for D.
 //!
@@ -7,7 +7,7 @@
 
 use crate::{GpioEdge, Level, Observer};
 
-/// Offsets of the registers (§31.7).
+/// Offsets of the registers (§31).
 mod at {
     pub(super) const PER: u32 = 0x00;
     pub(super) const PDR: u32 = 0x04;
@@ -53,7 +53,7 @@ pub(super) enum Output {
     TioB(usize),
 }
 
-/// Pins that peripherals drive: port, bit, whether as peripheral B (§9.3, tables of port A to D). The channels 3 to 5
+/// Pins that peripherals drive: port, bit, whether as peripheral B (§9, tables of port A to D). The channels 3 to 5
 /// have their pins on port E, which the SAM3X8E does not have.
 const OUTPUTS: [(usize, u32, bool, Output); 12] = [
     (0, 2, false, Output::TioA(1)),
@@ -101,7 +101,7 @@ struct PortState {
 }
 
 impl PortState {
-    /// After a reset all pins are inputs with pull-ups (§31.5).
+    /// After a reset all pins are inputs with pull-ups (§31).
     fn new() -> PortState {
         PortState {
             enabled: u32::MAX,
@@ -147,7 +147,7 @@ impl PortState {
         changed
     }
 
-    /// Notices changes of inputs (§31.5.10). Without its clock the controller sees none.
+    /// Notices changes of inputs (§31). Without its clock the controller sees none.
     fn look(&mut self) {
         if !self.clocked {
             return;

@@ -11,7 +11,7 @@ const SLOW_HZ: u64 = 32_768;
 const CRYSTAL_HZ: u64 = 12_000_000;
 const UTMI_HZ: u64 = 480_000_000;
 
-/// PMC_SR (§28.16.15).
+/// PMC_SR (§28).
 mod sr {
     pub(super) const CRYSTAL: u32 = 1;
     pub(super) const PLLA: u32 = 1 << 1;
@@ -21,7 +21,7 @@ mod sr {
     pub(super) const RC: u32 = 1 << 17;
 }
 
-/// CKGR_MOR (§28.16.8).
+/// CKGR_MOR (§28).
 mod mor {
     pub(super) const CRYSTAL: u32 = 1;
     pub(super) const BYPASS: u32 = 1 << 1;
@@ -91,7 +91,7 @@ pub(super) struct Pmc {
 }
 
 impl Pmc {
-    /// After a reset the master clock is the RC oscillator's 4 MHz (§28.3).
+    /// After a reset the master clock is the RC oscillator's 4 MHz (§28).
     pub(super) fn new() -> Pmc {
         let hz = 4_000_000;
         Pmc {

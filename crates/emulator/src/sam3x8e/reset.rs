@@ -1,4 +1,4 @@
-//! The reset controller, the watchdog, the backup registers and the chip's number (Atmel-11057C §13, §15, §17, §29).
+//! The reset controller, the watchdog, the backup registers and the chip's number (Atmel-11057C §12, §15, §17, §29).
 
 use super::pmc::SlowClock;
 
@@ -55,7 +55,7 @@ impl ResetController {
     }
 }
 
-/// WDT_MR (§15.5.2).
+/// WDT_MR (§15).
 mod mode {
     pub(super) const VALUE: u32 = 0xfff;
     pub(super) const FAULT_INTERRUPT: u32 = 1 << 12;
@@ -115,7 +115,7 @@ impl Watchdog {
         }
     }
 
-    /// Writes a register. Returns whether that resets the chip: a restart that comes too early is an error (§15.4, WDD).
+    /// Writes a register. Returns whether that resets the chip: a restart that comes too early is an error (§15, WDD).
     pub(super) fn write(&mut self, offset: u32, value: u32, slow: &SlowClock, cycle: u64) -> bool {
         let mut resets = false;
         match offset {

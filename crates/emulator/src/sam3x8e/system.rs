@@ -1,4 +1,4 @@
-//! Everything but the processor, on one clock: what is at which address (Atmel-11057C §7, §8), what an access costs, and
+//! Everything but the processor, on one clock: what is at which address (Atmel-11057C §9), what an access costs, and
 //! the order of events within a cycle.
 //!
 //! What happens in cycle t uses the state at the beginning of t, and its effect is there in t + 1. Within a cycle timers,
@@ -43,7 +43,7 @@ const PIOA: u32 = 0x400e_0e00;
 const PIOD: u32 = 0x400e_1400;
 const SYSTEM: u32 = 0x400e_1a00;
 
-/// Numbers of peripherals, which are those of their interrupts (§9.2).
+/// Numbers of peripherals, which are those of their interrupts (§9).
 mod id {
     pub(super) const WATCHDOG: u32 = 4;
     pub(super) const PMC: u32 = 5;
@@ -65,7 +65,7 @@ enum Slave {
     HighBridge = 8,
 }
 
-/// The bus matrix (§23): its registers. While a slave has no default master, an access costs a cycle more.
+/// The bus matrix (§21): its registers. While a slave has no default master, an access costs a cycle more.
 #[derive(Clone, Debug)]
 struct Matrix {
     masters: [u32; 6],
@@ -197,7 +197,7 @@ impl System {
         self.usb.set_clocked(clocked, cycle);
     }
 
-    /// The UART's DMA moves what it can (§26.4).
+    /// The UART's DMA moves what it can (§26).
     fn move_bytes(&mut self, cycle: u64) {
         while let Some(address) = self.uart.fetches() {
             let word = self.peek(address & !3).unwrap_or(0);

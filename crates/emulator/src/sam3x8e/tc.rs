@@ -10,7 +10,7 @@
 
 const NEVER: u64 = u64::MAX;
 
-/// Offsets of the registers, of a channel and of a block (§36.7).
+/// Offsets of the registers, of a channel and of a block (§36).
 mod at {
     pub(super) const CCR: u32 = 0x00;
     pub(super) const CMR: u32 = 0x04;
@@ -32,7 +32,7 @@ const CLOCK_ENABLE: u32 = 1;
 const CLOCK_DISABLE: u32 = 1 << 1;
 const SOFTWARE_TRIGGER: u32 = 1 << 2;
 
-/// TC_CMR in waveform mode (§36.7.3).
+/// TC_CMR in waveform mode (§36).
 mod cmr {
     pub(super) const STOPS_AT_RC: u32 = 1 << 6;
     pub(super) const DISABLES_AT_RC: u32 = 1 << 7;
@@ -50,7 +50,7 @@ mod cmr {
     pub(super) const B_AT_TRIGGER: u32 = 30;
 }
 
-/// TC_SR (§36.7.10).
+/// TC_SR (§36).
 mod sr {
     pub(super) const OVERFLOW: u32 = 1;
     pub(super) const RA: u32 = 1 << 2;
@@ -173,12 +173,12 @@ impl Channel {
         }
     }
 
-    /// Whether TIOB is an output: it is not while it is the external event (§36.7.3, EEVT).
+    /// Whether TIOB is an output: it is not while it is the external event (§36, EEVT).
     fn has_tiob(&self) -> bool {
         self.is_waveform() && self.mode & cmr::EXTERNAL_EVENT != 0
     }
 
-    /// Handles the matches of a cycle. Of two that act on an output at once the one with RC counts (§36.6.10).
+    /// Handles the matches of a cycle. Of two that act on an output at once the one with RC counts (§36).
     fn run(&mut self, cycle: u64) {
         let ticks = cycle / self.period - self.since_tick;
         let value = self.value.wrapping_add(ticks as u32);
@@ -214,7 +214,7 @@ impl Channel {
         self.schedule();
     }
 
-    /// A software trigger: the counter is 0 at the next tick, and counts from there (§36.6.5).
+    /// A software trigger: the counter is 0 at the next tick, and counts from there (§36).
     fn trigger(&mut self, cycle: u64) {
         if !self.enabled {
             return;

@@ -14,7 +14,7 @@ pub struct Sam3x8eTiming {
     /// Cycles of the return from an exception.
     pub return_cycles: u32,
     /// Whether flash reads the next line while the processor executes the present one, as the datasheet's "sequential
-    /// code read optimization" says (§18.4.2); else each new line costs all wait states.
+    /// code read optimization" says (§18); else each new line costs all wait states.
     pub reads_ahead: bool,
 }
 

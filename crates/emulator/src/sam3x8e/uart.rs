@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 
 const NEVER: u64 = u64::MAX;
 
-/// Offsets of the registers (§34.6, §26.5).
+/// Offsets of the registers (§34, §26).
 mod at {
     pub(super) const CR: u32 = 0x00;
     pub(super) const MR: u32 = 0x04;
@@ -179,7 +179,7 @@ impl Uart {
         }
     }
 
-    /// Length of a bit, 1/256 cycle: 16 CD cycles, without a fraction (§34.5.1).
+    /// Length of a bit, 1/256 cycle: 16 CD cycles, without a fraction (§34).
     fn bit_256(&self) -> u64 {
         u64::from(self.divisor) * 16 * 256
     }

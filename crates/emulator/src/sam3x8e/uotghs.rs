@@ -12,7 +12,7 @@ use std::collections::VecDeque;
 
 const ENDPOINTS: usize = 10;
 
-/// Offsets of the registers (§39.6).
+/// Offsets of the registers (§39).
 mod at {
     pub(super) const DEVCTRL: u32 = 0x00;
     pub(super) const DEVISR: u32 = 0x04;
@@ -333,7 +333,7 @@ impl Uotghs {
             at::CTRL => {
                 self.control = value & 0x0370_f1ff;
                 if value & ctrl::ENABLE == 0 {
-                    // Switched off, it is reset (§39.5.1.1).
+                    // Switched off, it is reset (§39).
                     let Uotghs { control, status, powered, clocked, .. } = *self;
                     *self = Uotghs { control, status, powered, clocked, ..Uotghs::new() };
                 }
@@ -375,7 +375,7 @@ impl Uotghs {
         }
     }
 
-    /// Reads the bank of an endpoint, at any address of its window: each access takes the next bytes (§39.5.1.6).
+    /// Reads the bank of an endpoint, at any address of its window: each access takes the next bytes (§39).
     fn read_fifo(&mut self, number: usize, size: Size) -> u32 {
         let Some(endpoint) = self.endpoints.get_mut(number) else { return 0 };
         (0..size.bytes()).fold(0, |value, at| value | u32::from(endpoint.bank.pop_front().unwrap_or(0)) << (8 * at))
@@ -412,7 +412,7 @@ impl UsbDevice for Uotghs {
         self.is_on() && self.control & wanted == wanted && self.powered && self.device_control & devctrl::DETACH == 0
     }
 
-    /// The address is gone, and all endpoints but the first are disabled (§39.5.2.4).
+    /// The address is gone, and all endpoints but the first are disabled (§39).
     fn bus_reset(&mut self) {
         self.device_control &= !(devctrl::ADDRESS | devctrl::ADDRESS_ON);
         self.flags |= devisr::WAKE_UP;
@@ -433,7 +433,7 @@ impl UsbDevice for Uotghs {
         self.flags &= !devisr::WAKE_UP;
     }
 
-    /// Until the address is switched on it is 0 (§39.5.2.6).
+    /// Until the address is switched on it is 0 (§39).
     fn has_address(&self, address: u8) -> bool {
         let own =
             if self.device_control & devctrl::ADDRESS_ON != 0 { self.device_control & devctrl::ADDRESS } else { 0 };
@@ -472,7 +472,7 @@ impl UsbDevice for Uotghs {
         };
     }
 
-    /// A SETUP ends a stall, and what was under way (§39.5.2.10).
+    /// A SETUP ends a stall, and what was under way (§39).
     fn setup(&mut self, packet: [u8; 8]) {
         let endpoint = &mut self.endpoints[0];
         endpoint.stalls = false;

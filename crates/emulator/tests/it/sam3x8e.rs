@@ -163,7 +163,7 @@ fn timer() -> Bench {
     bench
 }
 
-/// §36.6.11: the counter runs free; compare registers are not buffered.
+/// §36: the counter runs free; compare registers are not buffered.
 #[test]
 fn timer_matches() {
     let mut bench = timer();
@@ -198,7 +198,7 @@ fn timer_matches() {
     assert_eq!(bench.get(TC0 + 0x20) & 0xff, 1 | 1 << 2 | 1 << 3 | 1 << 4, "it has overflowed; RB is 0");
 }
 
-/// §36.6.11.2: RC as the end of a period; toggling; TIOB by RB; stops at RC.
+/// §36: RC as the end of a period; toggling; TIOB by RB; stops at RC.
 #[test]
 fn timer_waveforms() {
     let mut bench = timer();
@@ -263,7 +263,7 @@ fn timer_clocks() {
     assert!(counters[0] > 240 && counters == [counters[0]; 3]);
 }
 
-/// §31.5: set, clear, and one store for all pins whose OWSR bit is set; pull-ups; peripherals.
+/// §31: set, clear, and one store for all pins whose OWSR bit is set; pull-ups; peripherals.
 #[test]
 fn pins() {
     let mut bench = Bench::new();
@@ -295,7 +295,7 @@ fn pins() {
     assert!(!bench.chip.is_output(PD) && bench.chip.is_output(PD + 1));
 }
 
-/// §31.5.10: any edge, or one, or a level; reading the status clears it; nothing without the clock.
+/// §31: any edge, or one, or a level; reading the status clears it; nothing without the clock.
 #[test]
 fn pin_interrupts() {
     let mut bench = Bench::new();
@@ -317,7 +317,7 @@ fn pin_interrupts() {
     assert_eq!(bench.get(PIOA + 0x4c) >> 3 & 1, 1, "as long as it lasts");
 }
 
-/// §9.2: each peripheral's line is the interrupt of its number.
+/// §9: each peripheral's line is the interrupt of its number.
 #[test]
 fn interrupt_numbers() {
     let tc = |channel: u32| TC0 + 0x4000 * (channel / 3) + 0x40 * (channel % 3);
@@ -353,7 +353,7 @@ fn interrupt_numbers() {
     }
 }
 
-/// §18.4.3: the latch is written by words; EWP erases and writes a page; WP only clears bits.
+/// §18: the latch is written by words; EWP erases and writes a page; WP only clears bits.
 #[test]
 fn flash_commands() {
     let mut bench = Bench::with(&[0xe7fe], Sam3x8eTiming::LIKELY);
@@ -448,7 +448,7 @@ fn two_planes() {
     assert!((1000..4600).contains(&taken), "{taken} us");
 }
 
-/// §18.4.2: with 4 wait states a new line of 16 bytes costs 4 cycles; less if it was read ahead.
+/// §18: with 4 wait states a new line of 16 bytes costs 4 cycles; less if it was read ahead.
 #[test]
 fn wait_states() {
     let cycles = |timing: Sam3x8eTiming, states: u32, flags: u32| {
@@ -474,7 +474,7 @@ fn wait_states() {
     assert_eq!(cycles(pessimistic, 4, 1 << 24), 80 + 20 * 4);
 }
 
-/// Loads and stores of peripherals and RAM; without a default master (§23) each costs a cycle more.
+/// Loads and stores of peripherals and RAM; without a default master (§21) each costs a cycle more.
 #[test]
 fn accesses() {
     let cycles = |code: &[u16], address: u32, default_master: bool, timing: Sam3x8eTiming| {
@@ -526,7 +526,7 @@ fn code_in_ram() {
     assert_eq!(cycles(&[0xf3af, 0x8000].repeat(50), 40), 80);
 }
 
-/// §9.1: both RAMs are one piece from 0x2007_0000 on; address 0 shows flash.
+/// §9: both RAMs are one piece from 0x2007_0000 on; address 0 shows flash.
 #[test]
 fn memories() {
     let mut bench = Bench::new();
@@ -552,7 +552,7 @@ fn uart() -> Bench {
     bench
 }
 
-/// §34.5: 16 CD cycles a bit, no fraction; one character waits while another is sent.
+/// §34: 16 CD cycles a bit, no fraction; one character waits while another is sent.
 #[test]
 fn uart_sends() {
     let mut bench = uart();
@@ -659,7 +659,7 @@ fn watchdog() {
     assert_eq!(bench.seen.resets, 2);
 }
 
-/// §13, §17: why it was reset; what survives.
+/// §12, §17: why it was reset; what survives.
 #[test]
 fn resets() {
     let mut bench = Bench::new();

@@ -17,7 +17,7 @@ pub(super) struct Place {
     pub(super) registers: u16,
 }
 
-/// The bit that a word of a bit-band alias stands for: the address of its word, and its place there (TRM §4.2 of r2p0).
+/// The bit that a word of a bit-band alias stands for: the address of its word, and its place there (TRM, "Bit-banding").
 fn bit_band(address: u32) -> Option<(u32, u32)> {
     let region = address & 0xfe00_0000;
     if region != 0x2200_0000 && region != 0x4200_0000 {

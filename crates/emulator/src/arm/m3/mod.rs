@@ -4,20 +4,6 @@
 //! - `execute`, `arithmetic`: what operations do, and their cycles
 //! - `memory`: loads and stores: pipelining, the store buffer, unaligned accesses, bit-banding, exclusive access
 //! - `system`: its private registers
-//!
-//! # Cycles
-//! Those of the TRM's table of instructions (DDI 0337 §18.2 of r2p0). Where it gives a range, this file says what is
-//! taken:
-//!
-//! - a branch that is taken fills the pipeline again in [`M3Options::refill`] cycles; the TRM has 1 to 3
-//! - `udiv` and `sdiv` take 2 to 12: here 2, and one more for each three places that the quotient may have
-//! - `umull` and `smull` take 3 to 5, `umlal` 4 to 7, `smlal` one more at most: here the most, unless both factors have
-//!   16 bits
-//! - `mrs`, `msr` and `cps` take 2 of 1 to 2; an `it` takes 1 (it is never folded)
-//!
-//! An exception's handler begins 12 cycles after it became due; the last instruction before it is not interrupted, also
-//! if it is a division or a load of many registers, which the chip abandons or continues later. Restoring registers takes
-//! [`M3Options::return_cycles`]; what becomes due meanwhile ends that, and begins 7 cycles after it became due.
 
 mod arithmetic;
 mod execute;
@@ -36,6 +22,20 @@ use operation::Operation;
 
 /// A Cortex-M3 processor.
 ///
+/// # Cycles
+/// Those of the TRM's table of instructions (DDI 0337). Where it gives a range, this is taken:
+///
+/// - a branch that is taken fills the pipeline again in [`M3Options::refill`] cycles; the TRM has 1 to 3
+/// - `udiv` and `sdiv` take 2 to 12: here 2, and one more for each three places that the quotient may have
+/// - `umull` and `smull` take 3 to 5, `umlal` 4 to 7, `smlal` one more at most: here the most, unless both factors have
+///   16 bits
+/// - `mrs`, `msr` and `cps` take 2 of 1 to 2; an `it` takes 1 (it is never folded)
+///
+/// An exception's handler begins 12 cycles after it became due; the last instruction before it is not interrupted, also
+/// if it is a division or a load of many registers, which the chip abandons or continues later. Restoring registers takes
+/// [`M3Options::return_cycles`]; what becomes due meanwhile ends that, and begins 7 cycles after it became due.
+///
+/// # Example
 /// ```
 /// use pulsetrain_emulator::arm::{Bus, BusFault, Config, CortexM3, M3Options, Size};
 ///
@@ -130,11 +130,11 @@ impl Variant for M3 {
     /// r2p0: bits 29 to 7.
     const VECTOR_TABLE_BITS: u32 = 0x3fff_ff80;
     const EXCEPTION_BITS: u32 = 0x1ff;
-    /// Eight registers at one a cycle; the vector is read at the same time over another bus. In all 12 cycles (TRM
-    /// §5.2 of r2p0).
+    /// Eight registers at one a cycle; the vector is read at the same time over another bus. In all 12 cycles (TRM,
+    /// "Exceptions").
     const STACKING: u64 = 8;
     const VECTOR: u64 = 4;
-    /// TRM §5.2.
+    /// TRM, "Exceptions".
     const TAIL_CHAIN: u64 = 6;
     const READS_VECTOR_EARLY: bool = true;
     /// [`interruptible_return`](Variant::interruptible_return) counts them.
