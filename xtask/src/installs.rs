@@ -21,6 +21,8 @@ pub(crate) const SIMAVR: [Package; 3] = [
     ("libsimavr-dev", "/usr/include/simavr/sim_avr.h"),
     ("libelf-dev", "/usr/include/libelf.h"),
 ];
+/// The emulator that a Cortex-M3's exceptions are compared with.
+pub(crate) const QEMU: Package = ("qemu-system-arm", "/usr/bin/qemu-system-arm");
 /// The browser of the page's tests.
 pub(crate) const CHROMIUM: Package = ("chromium", "/usr/bin/chromium");
 /// What makes the clips of films.
@@ -46,7 +48,7 @@ const PYTHON: [&str; 8] = [
 /// Installs all that the gate needs.
 pub(crate) fn all() -> Done {
     if cfg!(target_os = "linux") {
-        let all = AVR.iter().chain(&ARDUINO).chain(&SIMAVR).chain(&ALSA).chain([&CHROMIUM, &FFMPEG]);
+        let all = AVR.iter().chain(&ARDUINO).chain(&SIMAVR).chain(&ALSA).chain([&CHROMIUM, &FFMPEG, &QEMU]);
         debian(&all.copied().collect::<Vec<_>>())?;
     }
     python()?;

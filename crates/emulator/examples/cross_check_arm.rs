@@ -6,6 +6,8 @@
 //! - `cross_check_arm m3`: reads lines of `count halfwords xpsr registers` (hexadecimal; half-words with commas between
 //!   them; registers R0 to R14 as 120 digits) and prints `pc xpsr registers primask basepri faultmask msp psp control
 //!   [address=byte]...` after so many instructions of a Cortex-M3, with the bytes of memory that changed, or `unaligned` or another `fault`.
+//! - `cross_check_arm exceptions IMAGE`: a raw image for address 0, with a vector table, on a Cortex-M3 with 256 KiB of
+//!   code and 64 KiB of RAM. Prints what the program prints by semihosting.
 //! - `cross_check_arm program IMAGE`: a raw image for the beginning of RAM, with a vector table. A line `instructions
 //!   cycles pc hash` after each 1000 instructions and at `wfi`, the hash being over every instruction's program counter,
 //!   flags and registers.
@@ -76,12 +78,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let answer = match arguments[..] {
         ["instructions"] => instructions()?,
         ["m3"] => m3()?,
+        ["exceptions", image] => exceptions(&std::fs::read(image)?)?,
         ["program", image] => program(&std::fs::read(image)?)?,
         ["firmware", image, instructions] => firmware(&std::fs::read(image)?, instructions.parse()?)?,
         ["usb", image] => usb(&std::fs::read(image)?)?,
         _ => {
             return Err(
-                "usage: cross_check_arm instructions | m3 | program IMAGE | firmware IMAGE COUNT | usb IMAGE".into()
+                "usage: cross_check_arm instructions | m3 | exceptions IMAGE | program IMAGE | firmware IMAGE COUNT | usb IMAGE".into()
             );
         }
     };
@@ -201,6 +204,58 @@ fn m3() -> Result<String, Box<dyn Error>> {
         }
     }
     Ok(text)
+}
+
+/// Code at 0, RAM, and nothing else.
+struct CodeAndRam {
+    code: Vec<u8>,
+    ram: Vec<u8>,
+}
+
+impl CodeAndRam {
+    fn place(&mut self, address: u32, size: Size) -> Result<&mut [u8], BusFault> {
+        let (bytes, at) = if address >= RAM { (&mut self.ram, address - RAM) } else { (&mut self.code, address) };
+        let at = at as usize;
+        bytes.get_mut(at..at + size.bytes() as usize).ok_or(BusFault { address })
+    }
+}
+
+impl Bus for CodeAndRam {
+    fn read(&mut self, address: u32, size: Size, _: u64) -> Result<u32, BusFault> {
+        Ok(self.place(address, size)?.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte)))
+    }
+
+    fn write(&mut self, address: u32, size: Size, value: u32, _: u64) -> Result<(), BusFault> {
+        self.place(address, size)?.copy_from_slice(&value.to_le_bytes()[..size.bytes() as usize]);
+        Ok(())
+    }
+
+    fn fetch(&mut self, address: u32, cycle: u64) -> Result<u16, BusFault> {
+        self.read(address, Size::Half, cycle).map(|half| half as u16)
+    }
+}
+
+fn exceptions(image: &[u8]) -> Result<String, Box<dyn Error>> {
+    const SEMIHOSTING: u16 = 0xbeab;
+    const WRITE_CHARACTER: u32 = 3;
+    let mut memory = CodeAndRam { code: image.to_vec(), ram: vec![0; 64 * 1024] };
+    memory.code.resize(256 * 1024, 0);
+    // QEMU's LM3S6965 has all bits of a priority.
+    let options = M3Options { priority_bits: 8, ..M3Options::default() };
+    let mut cpu = CortexM3::new(Config::CORTEX_M3, options);
+    cpu.reset(&mut memory);
+    let mut text = String::new();
+    for _ in 0..MOST_INSTRUCTIONS {
+        if memory.fetch(cpu.pc(), 0)? != SEMIHOSTING || cpu.is_locked_up() {
+            cpu.step(&mut memory);
+        } else if cpu.register(0) == WRITE_CHARACTER {
+            text.push(memory.read(cpu.register(1), Size::Byte, 0)? as u8 as char);
+            cpu.set_register(15, cpu.pc() + 2);
+        } else {
+            return Ok(text);
+        }
+    }
+    Err(format!("the program does not end: {:?}\n{text}", cpu.fault()).into())
 }
 
 fn program(image: &[u8]) -> Result<String, Box<dyn Error>> {

@@ -1,5 +1,6 @@
 //! ARMv7-M in Unicorn's Cortex-M3 and in ours: every half-word of 16-bit instructions, every form of 32-bit instructions
-//! and blocks after IT, from random states; registers, flags, masks and memory compared. Unicorn counts no cycles.
+//! and blocks after IT, from random states; registers, flags, masks and memory compared. Unicorn counts no cycles. And
+//! a program of exceptions in QEMU and in ours.
 //!
 //! Left out:
 //! - what acts on more than is compared here: `svc`, `bkpt`, `udf`, `wfi`, `wfe`, `sev`
@@ -11,7 +12,7 @@
 //! addresses where the manual has them fault (§A3.2.1).
 
 use super::{Comparison, Tools};
-use crate::command::{Done, Failure};
+use crate::command::{self, Done, Failure};
 use crate::random::Random;
 
 const SEED: u64 = 403;
@@ -332,6 +333,27 @@ pub(super) fn instructions(tools: &Tools) -> Done<Comparison> {
     let ours = tools.ask("thumb2", tools.ours_arm().arg("m3"), &input)?;
     let theirs = tools.ask("thumb2", &mut tools.unicorn()?, &input)?;
     judge(&cases, &ours, &theirs)
+}
+
+/// A program that pends, masks and faults at random, and prints each exception with what its handler sees: the order is
+/// compared with QEMU's.
+pub(super) fn exceptions(tools: &Tools) -> Done<Comparison> {
+    let image = tools.compile_arm("exceptions")?;
+    let ours = command::output(tools.ours_arm().arg("exceptions").arg(&image))?;
+    let theirs = command::output(&mut tools.qemu(&image))?;
+    let (ours, theirs): (Vec<_>, Vec<_>) = (ours.lines().collect(), theirs.lines().collect());
+    let mut differences = Vec::new();
+    if ours.len() != theirs.len() {
+        differences.push(format!("{} lines of QEMU, {} of ours", theirs.len(), ours.len()));
+    }
+    let pairs = ours.iter().zip(&theirs).filter(|(ours, theirs)| ours != theirs);
+    differences.extend(pairs.map(|(ours, theirs)| format!("\n  QEMU {theirs}\n  ours {ours}")));
+    let entered: usize = ours.iter().map(|line| line.matches('[').count()).sum();
+    let compared = format!(
+        "{} rounds of random priorities, masks and faults, {entered} exceptions in their order",
+        ours.len() - 1
+    );
+    Ok(Comparison { what: "ARMv7-M exceptions, with QEMU", compared, differences, exceptions: Vec::new() })
 }
 
 /// Compares what both sides have answered.
