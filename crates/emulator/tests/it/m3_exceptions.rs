@@ -370,3 +370,57 @@ fn a_return_past_another_handler() {
         assert_eq!(bench.cpu.mode() == Mode::Thread, allowed);
     }
 }
+
+/// CONTROL.nPRIV: a program without privileges changes no mask and reaches no private register, but STIR if CCR lets it.
+#[test]
+fn without_privileges() {
+    const MSR_CONTROL: [u16; 2] = [0xf380, 0x8814];
+    let program = |then: &[u16]| {
+        let mut bench = M3Bench::with(&[&MSR_CONTROL[..], then].concat());
+        bench.poke(ISER, u32::MAX);
+        bench.poke(CCR, 1 << 9 | 1 << 1);
+        bench.cpu.set_register(0, 1);
+        bench.step();
+        bench
+    };
+    let mut bench = program(&[&MSR_BASEPRI[..], &MSR_FAULTMASK, &[0xb672]].concat());
+    bench.cpu.set_register(0, 0xff);
+    bench.cycles(3);
+    assert_eq!((bench.cpu.basepri(), bench.cpu.faultmask(), bench.cpu.primask()), (0, false, false));
+
+    // str r1, [r2]
+    for (address, allowed) in [(STIR, true), (ISPR, false), (CCR, false)] {
+        let mut bench = program(&[0x6011]);
+        bench.cpu.set_register(1, 3);
+        bench.cpu.set_register(2, address);
+        bench.reach(if allowed { handler(IRQ + 3) } else { handler(HARD_FAULT) });
+        assert_eq!(bench.cpu.fault().map(|fault| fault.cause), (!allowed).then_some(FaultCause::Bus { address }));
+        // A handler has privileges.
+        assert_eq!(bench.peek(CCR), 1 << 9 | 1 << 1);
+    }
+}
+
+/// CONTROL.SPSEL and sleep on exit: the thread's registers are on its own stack, and it does not go on after the handler.
+#[test]
+fn process_stack_and_sleep_on_exit() {
+    let mut bench = M3Bench::with(&[0xf380, 0x8809, 0xf381, 0x8814, NOP, NOP, NOP]); // msr psp, r0; msr control, r1
+    bench.poke(ISER, 1);
+    bench.cpu.set_register(0, RAM + 0xa000);
+    bench.cpu.set_register(1, 2);
+    bench.cycles(2);
+    bench.cpu.set_irq_lines(1);
+    bench.reach(handler(IRQ));
+    assert_eq!(
+        (bench.cpu.psp(), bench.cpu.register(13), bench.cpu.register(14)),
+        (RAM + 0xa000 - 32, STACK, 0xffff_fffd)
+    );
+    bench.poke(0xe000_ed10, 1 << 1);
+    bench.cpu.set_irq_lines(0);
+    let back = bench.now() + 1 + 12;
+    while !bench.cpu.is_asleep() {
+        bench.step();
+    }
+    assert_eq!((bench.now(), bench.cpu.pc(), bench.cpu.register(13)), (back, CODE + 8, RAM + 0xa000));
+    bench.cpu.set_irq_lines(1);
+    assert_eq!(bench.reach(handler(IRQ)), back + 12);
+}
