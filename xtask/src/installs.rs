@@ -21,6 +21,8 @@ pub(crate) const SIMAVR: [Package; 3] = [
     ("libsimavr-dev", "/usr/include/simavr/sim_avr.h"),
     ("libelf-dev", "/usr/include/libelf.h"),
 ];
+/// The emulator that a Cortex-M3's exceptions are compared with.
+pub(crate) const QEMU: Package = ("qemu-system-arm", "/usr/bin/qemu-system-arm");
 /// The browser of the page's tests.
 pub(crate) const CHROMIUM: Package = ("chromium", "/usr/bin/chromium");
 /// What makes the clips of films.
@@ -30,8 +32,9 @@ const ALSA: [Package; 2] = [("pkg-config", "/usr/bin/pkg-config"), ("libasound2-
 /// With it, `python3 -m venv` makes an environment that has pip.
 const VENV: &str = "python3-venv";
 
-/// The packages of PyPI for the tests: a serial port, plots, packets of OSC, types, films and their clips, S-curves.
-const PYTHON: [&str; 7] = [
+/// The packages of PyPI for the tests: a serial port, plots, packets of OSC, types, films and their clips, S-curves, a
+/// Cortex-M3.
+const PYTHON: [&str; 8] = [
     "pyserial==3.5",
     "matplotlib==3.11.2",
     "python-osc==1.10.2",
@@ -39,12 +42,13 @@ const PYTHON: [&str; 7] = [
     "opencv-python-headless==5.0.0.93",
     "av==18.1.0",
     "ruckig==0.19.4",
+    "unicorn==2.1.4",
 ];
 
 /// Installs all that the gate needs.
 pub(crate) fn all() -> Done {
     if cfg!(target_os = "linux") {
-        let all = AVR.iter().chain(&ARDUINO).chain(&SIMAVR).chain(&ALSA).chain([&CHROMIUM, &FFMPEG]);
+        let all = AVR.iter().chain(&ARDUINO).chain(&SIMAVR).chain(&ALSA).chain([&CHROMIUM, &FFMPEG, &QEMU]);
         debian(&all.copied().collect::<Vec<_>>())?;
     }
     python()?;

@@ -12,7 +12,7 @@
 //! - [`python`]: the tests of the client in Python, and of films
 //! - [`page`]: the page of a run, in Chromium
 //! - [`ruckig`]: S-curve durations against an independent library
-//! - [`cross_check`]: the AVR emulator against simavr and avr8js
+//! - [`cross_check`]: the emulator against simavr, avr8js, rp2040js and Unicorn
 //! - [`firmware`](mod@firmware): the boards' firmware: built, measured, committed as images
 //! - [`boards`]: core built for the boards' processors
 //! - [`command`]: running a command, and saying which

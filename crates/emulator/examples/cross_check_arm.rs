@@ -1,8 +1,13 @@
-//! Runs ARMv6-M code and prints what it did, for cross-checks with another emulator.
+//! Runs ARMv6-M and ARMv7-M code and prints what it did, for cross-checks with other emulators.
 //!
 //! - `cross_check_arm instructions`: reads lines of `word word flags registers` (hexadecimal; flags as bits 3 to 0 for N,
 //!   Z, C, V; registers R0 to R14 as 120 digits) and prints `pc flags cycles registers primask msp psp control
 //!   [address:bytes=value]...` after one instruction, or `fault`.
+//! - `cross_check_arm m3`: reads lines of `count halfwords xpsr registers` (hexadecimal; half-words with commas between
+//!   them; registers R0 to R14 as 120 digits) and prints `pc xpsr registers primask basepri faultmask msp psp control
+//!   [address=byte]...` after so many instructions of a Cortex-M3, with the bytes of memory that changed, or `unaligned` or another `fault`.
+//! - `cross_check_arm exceptions IMAGE`: a raw image for address 0, with a vector table, on a Cortex-M3 with 256 KiB of
+//!   code and 64 KiB of RAM. Prints what the program prints by semihosting.
 //! - `cross_check_arm program IMAGE`: a raw image for the beginning of RAM, with a vector table. A line `instructions
 //!   cycles pc hash` after each 1000 instructions and at `wfi`, the hash being over every instruction's program counter,
 //!   flags and registers.
@@ -14,8 +19,9 @@
 //!   and what comes back.
 #![allow(clippy::disallowed_methods, reason = "its files are named by xtask")]
 
-use pulsetrain_emulator::arm::{Bus, BusFault, Config, Cpu, Size};
+use pulsetrain_emulator::arm::{Bus, BusFault, Config, CortexM3, Cpu, FaultCause, M3Options, Size};
 use pulsetrain_emulator::{LineByte, Observer, Rp2040, UsbState, image};
+use std::collections::BTreeSet;
 use std::error::Error;
 use std::fmt::Write as _;
 use std::io::BufRead;
@@ -72,11 +78,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<_> = arguments.iter().map(String::as_str).collect();
     let answer = match arguments[..] {
         ["instructions"] => instructions()?,
+        ["m3"] => m3()?,
+        ["exceptions", image] => exceptions(&std::fs::read(image)?)?,
         ["program", image] => program(&std::fs::read(image)?)?,
         ["firmware", image, instructions] => firmware(&std::fs::read(image)?, instructions.parse()?)?,
         ["usb", image] => usb(&std::fs::read(image)?)?,
         _ => {
-            return Err("usage: cross_check_arm instructions | program IMAGE | firmware IMAGE COUNT | usb IMAGE".into());
+            return Err(
+                "usage: cross_check_arm instructions | m3 | exceptions IMAGE | program IMAGE | firmware IMAGE COUNT | usb IMAGE".into()
+            );
         }
     };
     print!("{answer}");
@@ -128,6 +138,125 @@ fn instructions() -> Result<String, Box<dyn Error>> {
         memory.bytes[at..at + 4].copy_from_slice(&fresh[at..at + 4]);
     }
     Ok(text)
+}
+
+/// N, Z, C, V, Q and ITSTATE of XPSR.
+const M3_FLAGS: u32 = 0xfe00_fc00;
+const THUMB: u32 = 1 << 24;
+/// Where branches may go. xtask/cross-check/unicorn_m3.py has the same.
+const CODE_WINDOW: std::ops::Range<u32> = 0x1e00_0000..0x2200_0000;
+
+fn m3() -> Result<String, Box<dyn Error>> {
+    let fresh: Vec<u8> = (RAM..).take(RAM_BYTES).map(pattern).collect();
+    let mut memory = Memory { bytes: fresh.clone(), written: Vec::new() };
+    // Unicorn has all bits of a priority.
+    let options = M3Options { priority_bits: 8, ..M3Options::default() };
+    let mut text = String::new();
+    for line in std::io::stdin().lock().lines() {
+        let line = line?;
+        let [count, code, xpsr, registers] = line.split(' ').collect::<Vec<_>>()[..] else {
+            return Err("four fields expected".into());
+        };
+        let hex = |field| u32::from_str_radix(field, 16);
+        let at = (CODE - RAM) as usize;
+        for (place, half) in memory.bytes[at..].chunks_mut(2).zip(code.split(',')) {
+            place.copy_from_slice(&(hex(half)? as u16).to_le_bytes());
+        }
+        let mut cpu = CortexM3::new(Config::CORTEX_M3, options);
+        for number in 0..15 {
+            let digits = registers.get(8 * number..8 * number + 8).ok_or("120 digits expected")?;
+            cpu.set_register(number, hex(digits)?);
+        }
+        cpu.set_register(15, CODE);
+        cpu.set_xpsr(hex(xpsr)?);
+        for _ in 0..hex(count)? {
+            cpu.step(&mut memory);
+            if cpu.fault().is_some() {
+                break;
+            }
+        }
+        let mut changed = BTreeSet::new();
+        for (address, size, _) in std::mem::take(&mut memory.written) {
+            changed.extend(address..address + size.bytes());
+        }
+        // What would be executed next faults if no Thumb code can be there.
+        let goes_on = cpu.xpsr() & THUMB != 0 && CODE_WINDOW.contains(&cpu.pc());
+        if let Some(FaultCause::Unaligned { .. }) = cpu.fault().map(|fault| fault.cause) {
+            text += "unaligned";
+        } else if cpu.fault().is_some() || !goes_on {
+            text += "fault";
+        } else {
+            let control = u32::from(cpu.register(13) == cpu.psp() && cpu.psp() != cpu.msp()) << 1;
+            write!(text, "{:08x} {:08x} ", cpu.pc(), cpu.xpsr() & M3_FLAGS)?;
+            (0..15).try_for_each(|number| write!(text, "{:08x}", cpu.register(number)))?;
+            write!(text, " {} {:x} {}", u8::from(cpu.primask()), cpu.basepri(), u8::from(cpu.faultmask()))?;
+            write!(text, " {:08x} {:08x} {control}", cpu.msp(), cpu.psp())?;
+            for address in &changed {
+                let place = (address - RAM) as usize;
+                if memory.bytes[place] != fresh[place] {
+                    write!(text, " {address:x}={:x}", memory.bytes[place])?;
+                }
+            }
+        }
+        text.push('\n');
+        for address in changed.into_iter().chain(CODE..CODE + 64) {
+            let place = (address - RAM) as usize;
+            memory.bytes[place] = fresh[place];
+        }
+    }
+    Ok(text)
+}
+
+/// Code at 0, RAM, and nothing else.
+struct CodeAndRam {
+    code: Vec<u8>,
+    ram: Vec<u8>,
+}
+
+impl CodeAndRam {
+    fn place(&mut self, address: u32, size: Size) -> Result<&mut [u8], BusFault> {
+        let (bytes, at) = if address >= RAM { (&mut self.ram, address - RAM) } else { (&mut self.code, address) };
+        let at = at as usize;
+        bytes.get_mut(at..at + size.bytes() as usize).ok_or(BusFault { address })
+    }
+}
+
+impl Bus for CodeAndRam {
+    fn read(&mut self, address: u32, size: Size, _: u64) -> Result<u32, BusFault> {
+        Ok(self.place(address, size)?.iter().rev().fold(0, |value, byte| value << 8 | u32::from(*byte)))
+    }
+
+    fn write(&mut self, address: u32, size: Size, value: u32, _: u64) -> Result<(), BusFault> {
+        self.place(address, size)?.copy_from_slice(&value.to_le_bytes()[..size.bytes() as usize]);
+        Ok(())
+    }
+
+    fn fetch(&mut self, address: u32, cycle: u64) -> Result<u16, BusFault> {
+        self.read(address, Size::Half, cycle).map(|half| half as u16)
+    }
+}
+
+fn exceptions(image: &[u8]) -> Result<String, Box<dyn Error>> {
+    const SEMIHOSTING: u16 = 0xbeab;
+    const WRITE_CHARACTER: u32 = 3;
+    let mut memory = CodeAndRam { code: image.to_vec(), ram: vec![0; 64 * 1024] };
+    memory.code.resize(256 * 1024, 0);
+    // QEMU's LM3S6965 has all bits of a priority.
+    let options = M3Options { priority_bits: 8, ..M3Options::default() };
+    let mut cpu = CortexM3::new(Config::CORTEX_M3, options);
+    cpu.reset(&mut memory);
+    let mut text = String::new();
+    for _ in 0..MOST_INSTRUCTIONS {
+        if memory.fetch(cpu.pc(), 0)? != SEMIHOSTING || cpu.is_locked_up() {
+            cpu.step(&mut memory);
+        } else if cpu.register(0) == WRITE_CHARACTER {
+            text.push(memory.read(cpu.register(1), Size::Byte, 0)? as u8 as char);
+            cpu.set_register(15, cpu.pc() + 2);
+        } else {
+            return Ok(text);
+        }
+    }
+    Err(format!("the program does not end: {:?}\n{text}", cpu.fault()).into())
 }
 
 fn program(image: &[u8]) -> Result<String, Box<dyn Error>> {

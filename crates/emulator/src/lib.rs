@@ -23,9 +23,12 @@
 //!   clock prescaler; self-programming of flash, boot section, lock bits
 //! - [`Rp2040`]: the chip of the Raspberry Pi Pico, with one of its processors. Both PIO blocks, DMA, SIO, GPIO, timer,
 //!   both UARTs, USB with a PC at the other end of the cable, clocks and PLLs, resets, watchdog, flash with its cache
+//! - [`Sam3x8e`]: the chip of the Arduino Due. Timers, pins, the programming port's UART with its DMA, native USB at full
+//!   speed with a PC at the other end, clocks, both planes of flash with their controllers and wait states, bus matrix,
+//!   resets, watchdog. What no document says of its times is a choice: [`Sam3x8eTiming`]
 //! - [`Observer`]: gets everything that leaves a chip, with its cycle: [`PinEdge`], [`GpioEdge`] and [`UartByte`]
 //! - [`LineByte`]: a character for a chip's receiver, at any baud rate
-//! - [`arm`]: the processor Cortex-M0+ by itself, without a chip
+//! - [`arm`]: the processors Cortex-M0+ and Cortex-M3 by themselves, without a chip
 //! - [`hex`]: Intel HEX; [`image`]: ELF and UF2
 //!
 //! # What is not
@@ -37,6 +40,10 @@
 //! collide on one memory bank, and flash commands other than those to read, erase a sector, program a page, and return
 //! status and number (`docs/emulator.md`).
 //!
+//! SAM3X8E: the boot ROM, the other serial ports, PWM, ADC, DAC, CAN, Ethernet, memory cards, the DMA controller, the
+//! real-time clock and timer, low-power modes, the MPU; of the timers capture and external clocks. Their registers store
+//! what is written.
+//!
 //! Serial lines carry characters, not edges.
 //!
 //! # Cycles
@@ -46,7 +53,7 @@
 //! and sets the flag in c + 1. An interrupt is entered at the first instruction boundary at or after the cycle in which
 //! its flag was set; the instruction at its vector begins 4 cycles later.
 //!
-//! On an RP2040 a cycle is a period of clk_sys; [`Observer::clock_frequency`] gets its frequency. State machines,
+//! On a SAM3X8E a cycle is a period of the master clock, and on an RP2040 of clk_sys; [`Observer::clock_frequency`] gets its frequency. State machines,
 //! transfers and stores in cycle c use the state at the beginning of c, and their effect is there at the beginning of
 //! c + 1.
 #![forbid(unsafe_code)]
@@ -58,10 +65,14 @@ pub mod image;
 mod observer;
 mod pin;
 mod rp2040;
+mod sam3x8e;
 mod serial;
+mod usb;
 
 pub use avr::{Atmega328p, Boot, BootSize, ImageTooLarge, Masked, Odd, ResetCause};
 pub use observer::Observer;
 pub use pin::{GpioEdge, Level, PinEdge, Port};
-pub use rp2040::{Rp2040, UsbState};
+pub use rp2040::Rp2040;
+pub use sam3x8e::{Sam3x8e, Sam3x8eTiming};
 pub use serial::{LineByte, UartByte};
+pub use usb::UsbState;

@@ -65,7 +65,7 @@ pub struct PinEdge {
 pub struct GpioEdge {
     /// The first cycle with the new level.
     pub cycle: u64,
-    /// The number of the pin: 0 to 29 on an RP2040.
+    /// The number of the pin: 0 to 29 on an RP2040; on a SAM3X8E 0 to 127, 32 for each port.
     pub gpio: u8,
     /// The new level.
     pub level: Level,

@@ -1,5 +1,7 @@
 //! Characters on a serial line.
 
+use std::collections::VecDeque;
+
 /// A character that a chip has sent. The observer gets it at the end of the last stop bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct UartByte {
@@ -53,4 +55,19 @@ impl LineByte {
     pub const fn end_cycle(&self) -> u64 {
         (self.start_cycle * 256 + self.bit_time_256 as u64 * (self.bits as u64 + 2)).div_ceil(256)
     }
+}
+
+/// The level of a line at a time, in 1/256 cycle. A line at rest is high.
+pub(crate) fn level_of(line: &VecDeque<LineByte>, at_256: u64) -> bool {
+    for byte in line.iter().take(3).rev() {
+        let start = byte.start_cycle << 8;
+        if at_256 >= start {
+            return match (at_256 - start) / u64::from(byte.bit_time_256.max(1)) {
+                0 => false,
+                bit if bit <= u64::from(byte.bits) => byte.data >> (bit - 1) & 1 != 0,
+                _ => true,
+            };
+        }
+    }
+    true
 }

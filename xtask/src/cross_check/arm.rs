@@ -73,7 +73,7 @@ pub(super) fn instructions(tools: &Tools) -> Done<Comparison> {
 }
 
 pub(super) fn program(tools: &Tools) -> Done<Comparison> {
-    let image = tools.compile_arm()?;
+    let image = tools.compile_arm("arm")?;
     let ours = command::output(tools.ours_arm().arg("program").arg(&image))?;
     let theirs = command::output(tools.rp2040js().arg("program").arg(&image))?;
     let (theirs, exceptions) = split(&theirs)?;

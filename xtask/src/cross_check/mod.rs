@@ -1,21 +1,25 @@
 //! The emulator against what others wrote: of the AVR, simavr for instructions and programs, avr8js for timers; of the
-//! Cortex-M0+, rp2040js.
+//! Cortex-M0+, rp2040js; of the Cortex-M3, Unicorn and
+//! QEMU.
 //!
 //! # What is here
 //! - [`programs`]: C programs, each byte of output with its cycle
 //! - [`instructions`]: every opcode from random states
 //! - [`timers`]: random timer programs, each edge and each reading with its cycle
 //! - [`arm`]: half-words of ARMv6-M from random states; a program and firmware, every instruction; a USB device
-//! - [`tools`]: the three sides, built and installed; each reads cases and prints a line for what happened
+//! - [`thumb2`]: every form of instruction of ARMv7-M from random states; a program of exceptions
+//! - [`tools`]: the sides, built and installed; each reads cases and prints a line for what happened
 //!
 //! # What is not
 //! Interrupts, the UART's timing, sleep, the watchdog, EEPROM: simavr and avr8js are not the chip there
 //! (docs/emulator.md). The emulator's own tests hold these against the datasheet. What an
-//! exception of the Cortex-M0+ takes: rp2040js has no time for it.
+//! exception of the Cortex-M0+ takes: rp2040js has no time for it. Cycles of the Cortex-M3: neither
+//! Unicorn nor QEMU counts any.
 
 mod arm;
 mod instructions;
 mod programs;
+mod thumb2;
 mod timers;
 mod tools;
 
@@ -46,6 +50,8 @@ pub(crate) fn run() -> Done {
         arm::program(&tools)?,
         arm::firmware(&tools)?,
         arm::usb(&tools)?,
+        thumb2::instructions(&tools)?,
+        thumb2::exceptions(&tools)?,
     ];
     let mut unexplained = 0;
     for outcome in &outcomes {

@@ -1,9 +1,9 @@
 //! The compared sides: our emulator, simavr with a harness of ours in C, avr8js and rp2040js with harnesses in
-//! JavaScript.
+//! JavaScript, Unicorn with one in Python, QEMU.
 
 use crate::command::{self, Done, Failure, cargo, command, root};
 use crate::{installs, programs};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 /// The tools that are built and installed for the comparisons.
@@ -17,6 +17,7 @@ impl Tools {
     pub(super) fn prepare() -> Done<Tools> {
         installs::debian(&installs::AVR)?;
         installs::debian(&installs::SIMAVR)?;
+        installs::debian(&[installs::QEMU])?;
         let folder = installs::npm("xtask/cross-check", "cross-check")?;
         // simavr has the GPL: it runs here, and is no part of what the project distributes.
         command::run(
@@ -55,6 +56,13 @@ impl Tools {
         command(programs::example("cross_check_arm"))
     }
 
+    /// Unicorn's Cortex-M3. It has the GPL: it runs here, and is no part of what the project distributes.
+    pub(super) fn unicorn(&self) -> Done<Command> {
+        let mut python = command(installs::python()?);
+        python.arg("xtask/cross-check/unicorn_m3.py");
+        Ok(python)
+    }
+
     /// Compiles `usb_serial`; gives back the ELF file.
     pub(super) fn compile_usb(&self) -> Done<PathBuf> {
         const TARGET: &str = "thumbv6m-none-eabi";
@@ -69,16 +77,26 @@ impl Tools {
         Ok(target.join(TARGET).join("release/usb-serial"))
     }
 
-    /// Compiles `programs/arm.rs`; gives back the raw image of RAM.
-    pub(super) fn compile_arm(&self) -> Done<PathBuf> {
+    /// QEMU's LM3S6965, with an image at address 0. What the program prints goes to standard output. QEMU has the GPL.
+    pub(super) fn qemu(&self, image: &Path) -> Command {
+        let mut qemu = command("qemu-system-arm");
+        qemu.args(["-M", "lm3s6965evb", "-display", "none", "-serial", "null", "-monitor", "none"]);
+        qemu.args(["-chardev", "stdio,id=text", "-semihosting-config", "enable=on,target=native,chardev=text"]);
+        qemu.arg("-kernel").arg(image);
+        qemu
+    }
+
+    /// Compiles a program of `programs` for ARMv6-M with its linker script; gives back the raw image.
+    pub(super) fn compile_arm(&self, name: &str) -> Done<PathBuf> {
         command::run(command("rustup").args(["target", "add", "thumbv6m-none-eabi"]))?;
-        let image = self.folder.join("arm.bin");
+        let image = self.folder.join(name).with_extension("bin");
         command::run(
             command("rustc")
                 .args(["--edition", "2024", "--target", "thumbv6m-none-eabi", "-O", "-C", "panic=abort"])
-                .args(["-C", "link-arg=-Txtask/cross-check/programs/arm.ld", "-C", "link-arg=--oformat=binary", "-o"])
+                .arg(format!("-Clink-arg=-Txtask/cross-check/programs/{name}.ld"))
+                .args(["-C", "link-arg=--oformat=binary", "-o"])
                 .arg(&image)
-                .arg("xtask/cross-check/programs/arm.rs"),
+                .arg(format!("xtask/cross-check/programs/{name}.rs")),
         )?;
         Ok(image)
     }

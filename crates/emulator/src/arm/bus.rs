@@ -64,6 +64,14 @@ pub trait Bus {
     /// As for [`read`](Bus::read).
     fn fetch(&mut self, address: u32, cycle: u64) -> Result<u16, BusFault>;
 
+    /// Reads an exception's vector. A Cortex-M3 does that over the bus for instructions (TRM DDI 0337, "ICode bus").
+    ///
+    /// # Errors
+    /// As for [`read`](Bus::read).
+    fn read_vector(&mut self, address: u32, cycle: u64) -> Result<u32, BusFault> {
+        self.read(address, Size::Word, cycle)
+    }
+
     /// Wait cycles of the last access or fetch. The processor calls this once after each of them.
     fn wait_cycles(&mut self) -> u32 {
         0

@@ -1,13 +1,14 @@
-//! The processor's state and what its users call: registers, steps, cycle count, and loads and stores on the bus (TRM
-//! DDI 0484C).
+//! What all processors have, and what their users call: registers, steps, cycle count, and the Cortex-M0+'s loads and
+//! stores on the bus (TRM DDI 0484C).
 //!
 //! Instructions are in `execute`, exceptions in `exception` and `nvic`, the private registers in `system`.
 
 use super::bus::{Bus, Size};
-use super::decode::{HALF_WORDS, Op, TABLE};
 use super::fault::{Fault, FaultCause};
+use super::m0plus::M0Plus;
 use super::nvic::{Exceptions, Sleep};
 use super::systick::SysTick;
+use super::variant::Variant;
 
 pub(super) const SP: usize = 13;
 pub(super) const LR: usize = 14;
@@ -44,6 +45,9 @@ pub enum Mode {
 }
 
 /// A Cortex-M0+ processor.
+pub type Cpu = Core<M0Plus>;
+
+/// A processor: what the Cortex-M0+ and the Cortex-M3 have in common, and with `V` the rest of one of them.
 ///
 /// ```
 /// use pulsetrain_emulator::arm::{Bus, BusFault, Config, Cpu, Size};
@@ -74,7 +78,7 @@ pub enum Mode {
 /// assert_eq!((cpu.register(0), cpu.fault()), (1764, None));
 /// ```
 #[derive(Clone)]
-pub struct Cpu {
+pub struct Core<V: Variant> {
     /// R0 to R12, the stack pointer in use (13), LR (14). Element 15 is not used: `pc` has the program counter.
     pub(super) registers: [u32; 16],
     /// Address of the next instruction, or of the one that is being executed now.
@@ -92,19 +96,19 @@ pub struct Cpu {
     /// CONTROL.nPRIV: thread mode has no privileges.
     pub(super) unprivileged: bool,
     pub(super) cycle: u64,
-    instructions: u64,
+    pub(super) instructions: u64,
     /// The cycle up to which instructions can be executed without a look at exceptions and SysTick.
     pub(super) attention: u64,
     pub(super) exceptions: Exceptions,
     pub(super) systick: SysTick,
     pub(super) config: Config,
-    table: &'static [Op; HALF_WORDS],
+    /// What other processors do not have.
+    pub(super) variant: V,
 }
 
-impl Cpu {
-    /// A processor before its reset, at cycle 0: [`reset`](Cpu::reset) starts it.
-    pub fn new(config: Config) -> Cpu {
-        Cpu {
+impl<V: Variant> Core<V> {
+    pub(super) fn with(config: Config, variant: V) -> Core<V> {
+        Core {
             registers: [0; 16],
             pc: 0,
             n: false,
@@ -118,16 +122,16 @@ impl Cpu {
             cycle: 0,
             instructions: 0,
             attention: 0,
-            exceptions: Exceptions::new(config.vector_table),
+            exceptions: Exceptions::new(config.vector_table, V::PRIORITY_BITS),
             systick: SysTick::new(config.systick_reference, config.systick_calibration),
             config,
-            table: &TABLE,
+            variant,
         }
     }
 
     /// Resets the processor in the present cycle: it reads stack pointer and program counter from the vector table
-    /// (ARMv6-M ARM §B1.5.5). Interrupt lines keep their levels, and the cycle count goes on. The processor faults if
-    /// the table cannot be read or the reset vector is even: see [`fault`](Cpu::fault).
+    /// (ARMv6-M ARM §B1.5.5, ARMv7-M ARM §B1.5.5). Interrupt lines keep their levels, and the cycle count goes on. The processor faults if
+    /// the table cannot be read or the reset vector is even: see [`fault`](Core::fault).
     pub fn reset(&mut self, bus: &mut impl Bus) {
         let table = self.config.vector_table;
         self.registers[..SP].fill(0);
@@ -136,6 +140,7 @@ impl Cpu {
         (self.process_stack, self.unprivileged) = (false, false);
         self.exceptions.reset(table);
         self.systick.reset(self.cycle);
+        V::reset(self);
         let mut read = |address| bus.read(address, Size::Word, self.cycle);
         let vectors = read(table).and_then(|sp| Ok((sp, read(table.wrapping_add(4))?)));
         match vectors {
@@ -155,28 +160,9 @@ impl Cpu {
     pub fn step(&mut self, bus: &mut impl Bus) -> u32 {
         let began = self.cycle;
         if began < self.attention || !self.attend(bus) {
-            self.instruction(bus);
+            V::instruction(self, bus);
         }
         (self.cycle - began) as u32
-    }
-
-    #[inline]
-    fn instruction(&mut self, bus: &mut impl Bus) {
-        let began = self.cycle;
-        self.instructions += 1;
-        match bus.fetch(self.pc, self.cycle) {
-            Ok(word) => {
-                self.cycle += u64::from(bus.wait_cycles());
-                if let Err(cause) = self.execute(self.table[usize::from(word)], bus) {
-                    self.cycle = self.cycle.max(began + 1);
-                    self.hard_fault(cause);
-                }
-            }
-            Err(fault) => {
-                self.cycle += 1;
-                self.hard_fault(FaultCause::Fetch { address: fault.address });
-            }
-        }
     }
 
     /// The cycle in which the next step begins.
@@ -199,7 +185,7 @@ impl Cpu {
         if number == PC { self.pc } else { self.registers[number] }
     }
 
-    /// Sets a register, numbered as in [`register`](Cpu::register). Stack pointer and program counter are aligned.
+    /// Sets a register, numbered as in [`register`](Core::register). Stack pointer and program counter are aligned.
     ///
     /// # Panics
     /// If there is no such register.
@@ -216,9 +202,9 @@ impl Cpu {
         self.pc
     }
 
-    /// Flags, T bit and exception number (XPSR).
+    /// XPSR: flags, T bit and exception number; of a Cortex-M3 also Q and the state of its IT block.
     pub fn xpsr(&self) -> u32 {
-        self.apsr() | u32::from(self.thumb) << 24 | self.exceptions.current()
+        self.apsr() | u32::from(self.thumb) << 24 | self.exceptions.current() | V::more_xpsr(self)
     }
 
     /// Sets the flags N, Z, C and V from bits 31 to 28. The other bits are ignored.
@@ -370,6 +356,6 @@ impl Cpu {
 
 /// Whether the address belongs to the private peripheral bus (ARMv6-M ARM §B3.1): 0xe000_0000 to 0xe00f_ffff.
 #[inline]
-fn is_private(address: u32) -> bool {
+pub(super) fn is_private(address: u32) -> bool {
     address >> 20 == 0xe00
 }

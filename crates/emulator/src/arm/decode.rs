@@ -347,7 +347,7 @@ pub(super) static TABLE: LazyLock<Box<[Op; HALF_WORDS]>> = LazyLock::new(|| {
     table
 });
 
-fn decode(word: u16) -> Op {
+pub(super) fn decode(word: u16) -> Op {
     // The register field whose lowest bit is at `at`.
     let low = |at: u32| (word >> at & 7) as u8;
     let five = (word >> 6 & 31) as u8;

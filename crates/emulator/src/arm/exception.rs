@@ -1,29 +1,23 @@
-//! What the processor does at an exception: entry, return, faults, sleep (ARMv6-M ARM DDI 0419E §B1.5). Which exception
-//! is due is decided in `nvic`.
+//! What a processor does at an exception: entry, return, faults, sleep (ARMv6-M ARM DDI 0419E §B1.5, whose sections are
+//! named; ARMv7-M ARM DDI 0403E §B1.5 says the same where nothing else is said). Which exception is due is decided in
+//! `nvic`.
 
 use super::bus::{Bus, Size};
-use super::cpu::{Cpu, LR, SP};
+use super::cpu::{Core, LR, SP};
 use super::fault::{Fault, FaultCause};
-use super::nvic::{HARD_FAULT, IRQ, NMI, SVCALL, SYSTICK, Sleep, bit};
+use super::nvic::{HARD_FAULT, IRQ, Leaving, NMI, SVCALL, SYSTICK, Sleep, bit};
+use super::variant::Variant;
 
-/// Cycles of the two parts of an exception's entry: saving the registers, and reading the vector. TRM §3.6.1 gives
-/// their sum, 15.
-const STACKING: u64 = 12;
-const VECTOR: u64 = 3;
-const _: () = assert!(STACKING + VECTOR == 15);
-/// Cycles of restoring the registers: as `pop` with eight registers, 3 + 8 (TRM table 3-1).
-const UNSTACKING: u64 = 11;
 const FRAME_BYTES: u32 = 32;
 
-impl Cpu {
-    /// Sets the levels of the 32 interrupt lines. A rising line makes its interrupt pending. A line that is still high
-    /// when its handler returns makes it pending again (ARMv6-M ARM §B3.4.1).
+impl<V: Variant> Core<V> {
+    /// Sets the levels of the interrupt lines.
     #[inline]
-    pub fn set_irq_lines(&mut self, levels: u32) {
+    pub(super) fn set_lines(&mut self, levels: u64) {
         if levels != self.exceptions.lines {
             let rising = levels & !self.exceptions.lines;
             self.exceptions.lines = levels;
-            self.exceptions.pend(u64::from(rising) << IRQ);
+            self.exceptions.pend(rising << IRQ);
             self.refresh();
         }
     }
@@ -50,6 +44,7 @@ impl Cpu {
         let now = exceptions.due.is_some()
             || exceptions.sleep != Sleep::Awake
             || exceptions.entering.is_some()
+            || exceptions.leaving.is_some()
             || exceptions.locked_up
             || !self.thumb;
         self.attention = if now { 0 } else { self.systick.next().unwrap_or(u64::MAX) };
@@ -93,16 +88,19 @@ impl Cpu {
             self.exceptions.sleep = Sleep::Awake;
             self.refresh();
         }
-        if let Some(exception) = self.exceptions.entering.take() {
+        if let Some(leaving) = self.exceptions.leaving {
+            self.leave(leaving, bus);
+        } else if let Some(exception) = self.exceptions.entering.take() {
             // An exception that became due during stacking and is more urgent is entered instead (late arrival).
             self.take_vector(self.exceptions.due.unwrap_or(exception), bus);
         } else if let Some(exception) = self.exceptions.due {
             self.exceptions.locked_up = false;
+            self.exceptions.chained = false;
             self.exceptions.entering = Some(exception);
             self.stack(bus);
         } else if !self.thumb {
             self.cycle += 1;
-            self.hard_fault(FaultCause::NotThumb);
+            self.take_fault(FaultCause::NotThumb);
         } else {
             return false;
         }
@@ -111,10 +109,11 @@ impl Cpu {
 
     /// Saves the registers on the stack (§B1.5.6, PushStack).
     fn stack(&mut self, bus: &mut impl Bus) {
+        V::settle(self);
         let began = self.cycle;
         let sp = self.registers[SP];
-        let aligned = sp.wrapping_sub(FRAME_BYTES) & !4;
-        let padding = sp >> 2 & 1;
+        let padding = if V::aligns_stack(self) { sp >> 2 & 1 } else { 0 };
+        let aligned = sp.wrapping_sub(FRAME_BYTES + 4 * padding);
         let xpsr = self.xpsr() | padding << 9;
         let [r0, r1, r2, r3, .., r12, _, lr, _] = self.registers;
         let frame = [r0, r1, r2, r3, r12, lr, self.pc, xpsr];
@@ -135,7 +134,7 @@ impl Cpu {
             }
             waits += self.cycle - before - 1;
         }
-        self.cycle = began + STACKING + waits;
+        self.cycle = began + V::STACKING + waits;
         self.refresh();
     }
 
@@ -147,17 +146,22 @@ impl Cpu {
         self.exceptions.current = exception;
         self.use_process_stack(false);
         self.exceptions.event = true;
+        V::enter_handler(self);
+        let chained = self.exceptions.chained;
+        let cycles = if chained { V::TAIL_CHAIN } else { V::VECTOR };
         let address = self.exceptions.vector_table.wrapping_add(4 * exception);
-        match bus.read(address, Size::Word, began) {
+        match bus.read_vector(address, began) {
             Ok(vector) => {
                 self.pc = vector & !1;
                 self.thumb = vector & 1 != 0;
-                self.cycle = began + VECTOR + u64::from(bus.wait_cycles());
+                let waits = u64::from(bus.wait_cycles());
+                let hidden = if V::READS_VECTOR_EARLY && !chained { V::STACKING } else { 0 };
+                self.cycle = began + cycles + waits.saturating_sub(hidden);
                 self.refresh();
             }
             Err(_) => {
-                self.cycle = began + VECTOR;
-                self.hard_fault(FaultCause::Vector { address });
+                self.cycle = began + cycles;
+                self.take_fault(FaultCause::Vector { address });
             }
         }
     }
@@ -168,29 +172,63 @@ impl Cpu {
         let nested = self.exceptions.active & !bit(returning) != 0;
         let valid = match value {
             0xffff_fff1 => nested,
-            0xffff_fff9 | 0xffff_fffd => !nested,
+            0xffff_fff9 | 0xffff_fffd => !nested || V::may_return_early(self),
             _ => false,
         };
         if !valid || self.exceptions.active & bit(returning) == 0 {
             return Err(FaultCause::Return { value });
         }
         self.exceptions.active &= !bit(returning);
+        if returning != NMI {
+            self.exceptions.faultmask = false;
+        }
         self.exceptions.sample_lines();
         self.exceptions.event = true;
         self.count_systick(self.cycle);
         self.refresh();
         if let Some(exception) = self.exceptions.due {
             // Tail-chaining: the saved registers stay on the stack for the next handler.
-            self.registers[LR] = value;
-            self.exceptions.entering = Some(exception);
+            self.chain(exception, value);
+        } else if let Some(cycles) = V::interruptible_return(self) {
+            V::settle(self);
+            self.exceptions.leaving = Some(Leaving { value, ends: self.cycle + cycles });
         } else {
             self.unstack(value, bus);
-            if value & 8 != 0 && self.exceptions.sleep_on_exit {
-                self.exceptions.sleep = Sleep::Interrupt;
-            }
+            self.end_return(value);
         }
         self.refresh();
         Ok(())
+    }
+
+    /// Enters an exception without restoring and saving the registers.
+    fn chain(&mut self, exception: u32, value: u32) {
+        self.registers[LR] = value;
+        self.exceptions.chained = true;
+        self.exceptions.entering = Some(exception);
+    }
+
+    fn end_return(&mut self, value: u32) {
+        if value & 8 != 0 && self.exceptions.sleep_on_exit {
+            self.exceptions.sleep = Sleep::Interrupt;
+        }
+    }
+
+    /// Makes one cycle of restoring the registers. An exception that is due now ends that; the registers are still
+    /// saved, and its handler begins as by tail-chaining (ARMv7-M ARM §B1.5.12, exceptions on exception exit).
+    fn leave(&mut self, leaving: Leaving, bus: &mut impl Bus) {
+        if let Some(exception) = self.exceptions.due {
+            self.exceptions.leaving = None;
+            self.chain(exception, leaving.value);
+            self.cycle += 1;
+        } else if self.cycle + 1 < leaving.ends {
+            self.cycle += 1;
+        } else {
+            self.exceptions.leaving = None;
+            self.unstack(leaving.value, bus);
+            self.cycle = self.cycle.max(leaving.ends);
+            self.end_return(leaving.value);
+        }
+        self.refresh();
     }
 
     /// Restores the registers from the stack (§B1.5.8, PopStack).
@@ -206,8 +244,8 @@ impl Cpu {
             match self.load_next(bus, address, Size::Word) {
                 Ok(value) => *word = value,
                 Err(_) => {
-                    self.cycle = began + UNSTACKING;
-                    self.hard_fault(FaultCause::Frame { address });
+                    self.cycle = began + V::UNSTACKING;
+                    self.take_fault(FaultCause::Frame { address });
                     return;
                 }
             }
@@ -219,14 +257,15 @@ impl Cpu {
         self.pc = pc & !1;
         self.registers[SP] = sp.wrapping_add(FRAME_BYTES) | (xpsr >> 9 & 1) << 2;
         self.set_flags(xpsr);
+        V::set_more_xpsr(self, xpsr);
         self.thumb = xpsr >> 24 & 1 != 0;
-        self.exceptions.current = if value & 8 != 0 { 0 } else { xpsr & 0x3f };
-        self.cycle = began + UNSTACKING + waits;
+        self.exceptions.current = if value & 8 != 0 { 0 } else { xpsr & V::EXCEPTION_BITS };
+        self.cycle = began + V::UNSTACKING + waits;
     }
 
     /// Executes `svc`: makes SVCall pending, or faults where it cannot be entered (§B1.5.4).
     pub(super) fn supervisor_call(&mut self) -> Result<(), FaultCause> {
-        if self.exceptions.priority[SVCALL as usize] >= self.exceptions.execution_priority() {
+        if self.exceptions.group_priority(SVCALL) >= self.exceptions.execution_priority() {
             return Err(FaultCause::Supervisor);
         }
         self.exceptions.pend(bit(SVCALL));
@@ -248,29 +287,36 @@ impl Cpu {
         }
     }
 
-    /// An instruction at `pc` faults: the processor takes a HardFault, or locks up if it is already in one (§B1.5.9,
-    /// §B1.5.10).
+    /// An instruction at `pc` faults. A fault whose own exception is disabled or cannot be entered now becomes a
+    /// HardFault; the processor locks up if not even that can be entered (§B1.5.9, §B1.5.10).
     #[cold]
-    pub(super) fn hard_fault(&mut self, cause: FaultCause) {
-        if self.exceptions.active_priority() < 0 {
+    pub(super) fn take_fault(&mut self, cause: FaultCause) {
+        if self.exceptions.execution_priority() < 0 {
             self.lock_up(cause);
             return;
         }
         self.remember(cause);
-        self.exceptions.pend(bit(HARD_FAULT));
+        self.pend_fault(cause);
         self.refresh();
     }
 
-    /// A fault while the registers are being saved: its HardFault is entered instead of the first exception (§B1.5.9).
+    fn pend_fault(&mut self, cause: FaultCause) {
+        let exception = V::fault_exception(self, cause);
+        self.exceptions.pend(bit(exception));
+    }
+
+    /// A fault while the registers are being saved: it is entered instead of the first exception if it is more urgent
+    /// (§B1.5.9).
     fn derived_fault(&mut self, cause: FaultCause) {
-        if self.exceptions.due.is_some_and(|exception| exception <= HARD_FAULT) || self.exceptions.active_priority() < 0
+        if self.exceptions.due.is_some_and(|exception| exception <= HARD_FAULT)
+            || self.exceptions.execution_priority() < 0
         {
             self.exceptions.entering = None;
             self.lock_up(cause);
             return;
         }
         self.remember(cause);
-        self.exceptions.pend(bit(HARD_FAULT));
+        self.pend_fault(cause);
     }
 
     pub(super) fn lock_up(&mut self, cause: FaultCause) {

@@ -1,13 +1,20 @@
-//! Faults of the processor: their causes, and where one happened (ARMv6-M ARM DDI 0419E §B1.5.9).
+//! Faults of a processor: their causes, and where one happened (ARMv6-M ARM DDI 0419E §B1.5.9; ARMv7-M ARM DDI 0403E
+//! §B1.5.14).
 
 use thiserror::Error;
 
-/// Why the processor took a HardFault, or locked up.
+/// Why the processor took a fault exception, or locked up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Error)]
 pub enum FaultCause {
-    /// The half-word is no instruction of ARMv6-M.
+    /// No instruction of the processor.
     #[error("no such instruction")]
     Undefined,
+    /// An instruction for a coprocessor, and there is none (Cortex-M3).
+    #[error("instruction for a coprocessor that is not there")]
+    NoCoprocessor,
+    /// A division by 0, with CCR.DIV_0_TRP set (Cortex-M3).
+    #[error("division by 0")]
+    DivideByZero,
     /// The program executed `bkpt`, and no debugger is connected.
     #[error("breakpoint without a debugger")]
     Breakpoint,
@@ -17,7 +24,7 @@ pub enum FaultCause {
     /// A branch to an even address, which would select a state that the processor does not have.
     #[error("branch to an even address")]
     NotThumb,
-    /// An access to an address that is not a multiple of its size.
+    /// An access to an address that is not a multiple of its size, where that is not allowed.
     #[error("unaligned access to {address:#010x}")]
     Unaligned {
         /// The address of the access.

@@ -1,17 +1,20 @@
-//! The ARMv6-M processor Cortex-M0+ by itself, without a chip (ARMv6-M ARM DDI 0419E; TRM DDI 0484C, r0p1).
+//! The processors by themselves, without a chip: the Cortex-M0+ (ARMv6-M ARM DDI 0419E; TRM DDI 0484C, r0p1) and the
+//! Cortex-M3 (ARMv7-M ARM DDI 0403E; TRM DDI 0337, r2p0).
 //!
 //! # What is here
-//! - [`Cpu`]: registers, all instructions of ARMv6-M with the cycles of the Cortex-M0+ (TRM table 3-1, with the
-//!   single-cycle multiplier), exceptions, NVIC, SysTick, sleep
+//! - [`Cpu`], [`CortexM3`]: registers, all instructions with their cycles, exceptions, NVIC, SysTick, sleep. Both are
+//!   [`Core`], which has what they share; [`Variant`] is what they do not
 //! - [`Bus`]: the interface that a chip implements; [`Size`], [`BusFault`]
-//! - [`Fault`], [`FaultCause`]: why the processor took a HardFault
+//! - [`Fault`], [`FaultCause`]: why the processor took a fault exception
 //!
 //! # What is not
 //! Memory and peripherals: they belong to the chip. The MPU: its registers read 0, which means that there is none.
 //! Debugging: `bkpt` is a HardFault, as on a chip without a debugger. A check that the vector table has an entry for
 //! every exception.
 //!
-//! # Cycles
+//! # Cycles of the Cortex-M0+
+//! Those of TRM table 3-1, with the single-cycle multiplier. Those of the Cortex-M3: [`CortexM3`].
+//!
 //! The counts are those of memory without wait states; the wait cycles of the [`Bus`] are added.
 //!
 //! TRM §3.6.1 gives 15 cycles from the interrupt to its handler's first instruction, and nothing for the return. Here
@@ -28,10 +31,16 @@ mod decode;
 mod exception;
 mod execute;
 mod fault;
+mod m0plus;
+mod m3;
 mod nvic;
 mod system;
 mod systick;
+mod variant;
 
 pub use bus::{Bus, BusFault, Size};
-pub use cpu::{Config, Cpu, Mode};
+pub use cpu::{Config, Core, Cpu, Mode};
 pub use fault::{Fault, FaultCause};
+pub use m0plus::M0Plus;
+pub use m3::{CortexM3, M3, M3Options};
+pub use variant::Variant;

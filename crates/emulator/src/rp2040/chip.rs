@@ -6,10 +6,9 @@
 
 use super::fabric::{Fabric, SRAM, SRAM_BYTES};
 use super::system::{CoreBus, System};
-use super::usb::UsbState;
 use super::watchdog::Cause;
 use crate::arm::{Config, Cpu, Fault, Size};
-use crate::{ImageTooLarge, Level, LineByte, Observer};
+use crate::{ImageTooLarge, Level, LineByte, Observer, UsbState};
 
 /// Address of the vector table at which the program starts (datasheet §2.8.1.3.1): after the 256 bytes of the second
 /// stage of boot.

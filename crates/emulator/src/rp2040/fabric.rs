@@ -11,7 +11,7 @@ use super::sio::Sio;
 use super::ssi::Ssi;
 use super::timer::Timer;
 use super::uart::Uart;
-use super::usb::Usb;
+use super::usb::{Controller, Usb};
 use super::watchdog::{Cause, Watchdog};
 use super::xip::Xip;
 use crate::Observer;
@@ -132,7 +132,7 @@ impl Fabric {
             timer: Timer::new(),
             watchdog: Watchdog::new(),
             uart: [Uart::new(0), Uart::new(1)],
-            usb: Usb::new(),
+            usb: Usb::new(Controller::new()),
             clocks,
             resets: reset::ALL,
             reset_dma: false,

@@ -25,4 +25,3 @@ mod watchdog;
 mod xip;
 
 pub use chip::Rp2040;
-pub use usb::UsbState;

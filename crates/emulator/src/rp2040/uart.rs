@@ -4,6 +4,7 @@
 //! if the transmitter is idle (on the chip it waits for the next period of the baud rate divider). Characters follow
 //! one another without a gap, exact to 1/256 cycle.
 
+use crate::serial::level_of;
 use crate::{LineByte, Observer, UartByte};
 use std::collections::VecDeque;
 
@@ -218,38 +219,23 @@ impl Uart {
         }
     }
 
-    /// The level of the line at a time.
-    fn level(&self, at_256: u64) -> bool {
-        for byte in self.line.iter().take(3).rev() {
-            let start = byte.start_cycle << 8;
-            if at_256 >= start {
-                return match (at_256 - start) / u64::from(byte.bit_time_256.max(1)) {
-                    0 => false,
-                    bit if bit <= u64::from(byte.bits) => byte.data >> (bit - 1) & 1 != 0,
-                    _ => true,
-                };
-            }
-        }
-        true
-    }
-
     fn sample(&mut self, cycle: u64) {
         let Some(byte) = self.line.front() else { return };
         let start = (byte.start_cycle << 8).max(self.ready_256);
         let at = |bit: u64| start + bit * self.bit_256 + self.bit_256 / 2;
         let mut data = 0u16;
         for bit in 0..u64::from(self.data_bits()) {
-            data |= u16::from(self.level(at(bit + 1))) << bit;
+            data |= u16::from(level_of(&self.line, at(bit + 1))) << bit;
         }
         if self.lcr_h & PEN != 0 {
             let odd = data.count_ones() & 1 != 0;
             let expected = if self.lcr_h & EPS != 0 { odd } else { !odd };
-            if self.level(at(u64::from(self.data_bits()) + 1)) != expected {
+            if level_of(&self.line, at(u64::from(self.data_bits()) + 1)) != expected {
                 data |= PE;
             }
         }
         let stop = at(self.frame_bits());
-        if !self.level(stop) {
+        if !level_of(&self.line, stop) {
             data |= FE;
         }
         self.ready_256 = stop;

@@ -6,10 +6,9 @@
 //! within one frame; the endpoints take turns. A refused token is repeated for ever, and takes its time on the bus. The
 //! delays of drivers and programs on a PC are not emulated.
 
-use super::NEVER;
 use super::bus::{Bus, REFUSED_IN_BITS, transaction_bits};
 use super::control::{Endpoint, Port, Request, STRING, Token, Transfer, port};
-use super::controller::{Answer, Controller, Direction};
+use super::{Answer, Direction, NEVER, UsbDevice};
 use crate::Observer;
 use std::collections::{BTreeMap, VecDeque};
 
@@ -204,7 +203,7 @@ impl Host {
     }
 
     /// Handles the events that are due in a cycle.
-    pub(super) fn run(&mut self, cycle: u64, controller: &mut Controller, observer: &mut impl Observer) {
+    pub(super) fn run(&mut self, cycle: u64, controller: &mut impl UsbDevice, observer: &mut impl Observer) {
         if self.suspend_at <= cycle {
             self.suspend_at = NEVER;
             controller.suspend();
@@ -224,7 +223,7 @@ impl Host {
     }
 
     /// Notices what has changed by a cycle, and begins the next transaction if there is one.
-    pub(super) fn plan(&mut self, cycle: u64, controller: &mut Controller) {
+    pub(super) fn plan(&mut self, cycle: u64, controller: &mut impl UsbDevice) {
         controller.set_power(self.plugged);
         match (controller.is_attached(), &self.work) {
             (false, HostTask::Nothing) => {}
@@ -266,7 +265,7 @@ impl Host {
     }
 
     /// Goes on after a wait.
-    fn go_on(&mut self, after: After, cycle: u64, controller: &mut Controller) {
+    fn go_on(&mut self, after: After, cycle: u64, controller: &mut impl UsbDevice) {
         let wait = |ms, then| HostTask::Wait(cycle + self.bus.milliseconds(ms), then);
         match after {
             After::Reset { second } => {
@@ -274,7 +273,10 @@ impl Host {
                 self.address = 0;
                 self.work = wait(RESET_MS, After::Recovery { second });
             }
-            After::Recovery { second } => self.work = wait(RECOVERY_MS, After::Ask { second }),
+            After::Recovery { second } => {
+                controller.bus_reset_ends();
+                self.work = wait(RECOVERY_MS, After::Ask { second });
+            }
             After::Ask { second } => {
                 self.requests.push_back(if second { Request::SetAddress(ADDRESS) } else { Request::FIRST_LOOK });
                 self.request(cycle);
@@ -359,7 +361,7 @@ impl Host {
     }
 
     /// The next transaction of a pipe, if there is one.
-    fn offer(&self, pipe: Pipe, controller: &Controller) -> Option<Offer> {
+    fn offer(&self, pipe: Pipe, controller: &impl UsbDevice) -> Option<Offer> {
         let offer = |number, direction, bytes: Option<usize>| {
             let answer = if controller.has_address(self.address) {
                 controller.answer(number, direction)
@@ -418,7 +420,7 @@ impl Host {
     }
 
     /// Begins the next transaction that the device does not refuse, if there is one.
-    fn begin(&mut self, cycle: u64, controller: &mut Controller) {
+    fn begin(&mut self, cycle: u64, controller: &mut impl UsbDevice) {
         let mut chosen = None;
         let mut refused_bits = 0;
         for place in 0..PIPES.len() {
@@ -449,7 +451,7 @@ impl Host {
     }
 
     /// A transaction has ended.
-    fn finish(&mut self, pipe: Pipe, cycle: u64, controller: &mut Controller, observer: &mut impl Observer) {
+    fn finish(&mut self, pipe: Pipe, cycle: u64, controller: &mut impl UsbDevice, observer: &mut impl Observer) {
         // The program may have withdrawn the buffer since the transaction began.
         let Some(offer) = self.offer(pipe, controller).filter(|offer| offer.answer != Answer::Refused) else { return };
         let Offer { answer, number, direction, .. } = offer;
@@ -491,7 +493,7 @@ impl Host {
         }
     }
 
-    fn finish_control(&mut self, cycle: u64, controller: &mut Controller) {
+    fn finish_control(&mut self, cycle: u64, controller: &mut impl UsbDevice) {
         let HostTask::Control(transfer, _) = &mut self.work else { return };
         match transfer.token() {
             Token::Setup(packet) => {

@@ -1,30 +1,32 @@
-//! The device controller: registers (RP2040 datasheet §4.1.4), DPRAM (§4.1.2.5), and its answers to tokens.
+//! The USB device controller: registers (RP2040 datasheet §4.1.4), DPRAM (§4.1.2.5), and its answers to tokens. The PC at
+//! the other end of the cable is [`crate::usb`].
 //!
 //! Not emulated: host mode, isochronous endpoints, remote wake-up, direct control of the pins, and the three cycles
 //! that §4.1.2.5.1 demands between AVAILABLE and the other bits of a buffer control.
 
 use crate::arm::Size;
+use crate::usb::{Answer, Direction, UsbDevice, UsbLink};
 
 /// Offsets of the registers.
 pub(super) mod at {
-    pub(in super::super) const ADDR_ENDP: u32 = 0x00;
-    pub(in super::super) const MAIN_CTRL: u32 = 0x40;
-    pub(in super::super) const SOF_RD: u32 = 0x48;
-    pub(in super::super) const SIE_CTRL: u32 = 0x4c;
-    pub(in super::super) const SIE_STATUS: u32 = 0x50;
-    pub(in super::super) const BUFF_STATUS: u32 = 0x58;
-    pub(in super::super) const BUFF_CPU_SHOULD_HANDLE: u32 = 0x5c;
-    pub(in super::super) const EP_ABORT: u32 = 0x60;
-    pub(in super::super) const EP_ABORT_DONE: u32 = 0x64;
-    pub(in super::super) const EP_STALL_ARM: u32 = 0x68;
-    pub(in super::super) const NAK_POLL: u32 = 0x6c;
-    pub(in super::super) const EP_STATUS_STALL_NAK: u32 = 0x70;
-    pub(in super::super) const USB_MUXING: u32 = 0x74;
-    pub(in super::super) const USB_PWR: u32 = 0x78;
-    pub(in super::super) const INTR: u32 = 0x8c;
-    pub(in super::super) const INTE: u32 = 0x90;
-    pub(in super::super) const INTF: u32 = 0x94;
-    pub(in super::super) const INTS: u32 = 0x98;
+    pub(super) const ADDR_ENDP: u32 = 0x00;
+    pub(super) const MAIN_CTRL: u32 = 0x40;
+    pub(super) const SOF_RD: u32 = 0x48;
+    pub(super) const SIE_CTRL: u32 = 0x4c;
+    pub(super) const SIE_STATUS: u32 = 0x50;
+    pub(super) const BUFF_STATUS: u32 = 0x58;
+    pub(super) const BUFF_CPU_SHOULD_HANDLE: u32 = 0x5c;
+    pub(super) const EP_ABORT: u32 = 0x60;
+    pub(super) const EP_ABORT_DONE: u32 = 0x64;
+    pub(super) const EP_STALL_ARM: u32 = 0x68;
+    pub(super) const NAK_POLL: u32 = 0x6c;
+    pub(super) const EP_STATUS_STALL_NAK: u32 = 0x70;
+    pub(super) const USB_MUXING: u32 = 0x74;
+    pub(super) const USB_PWR: u32 = 0x78;
+    pub(super) const INTR: u32 = 0x8c;
+    pub(super) const INTE: u32 = 0x90;
+    pub(super) const INTF: u32 = 0x94;
+    pub(super) const INTS: u32 = 0x98;
 }
 
 const CONTROLLER_EN: u32 = 1;
@@ -109,25 +111,6 @@ mod buffer {
 const BUFFER_CONTROLS: std::ops::Range<u32> = 0x80..0x100;
 const EP0_BUFFERS: u32 = 0x100;
 const BUFFER_BYTES: u32 = 64;
-
-/// The direction of data as the PC sees it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Direction {
-    In,
-    Out,
-}
-
-/// The device's answer to a token.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Answer {
-    /// It has data, or room for data, of this length.
-    Ready {
-        bytes: u32,
-    },
-    /// A NAK, or no answer.
-    Refused,
-    Stall,
-}
 
 /// The 4 KB that processor and controller share. They can be read and written in bytes.
 #[derive(Clone)]
@@ -312,11 +295,6 @@ impl Controller {
         self.raw_interrupts(frame) & self.enabled | self.forced
     }
 
-    /// Whether the start of this frame raises an interrupt.
-    pub(super) fn wants_frames(&self, frame: u32) -> bool {
-        self.enabled & interrupt::FRAME != 0 && self.frame_read == frame
-    }
-
     /// The program has written DPRAM. Returns whether this may change the answer to a token.
     pub(super) fn memory_written(&mut self, offset: u32) -> bool {
         if !BUFFER_CONTROLS.contains(&offset) {
@@ -327,34 +305,6 @@ impl Controller {
             self.second_next &= !(1 << ((control - BUFFER_CONTROLS.start) / 4));
         }
         true
-    }
-
-    // The cable.
-
-    pub(super) fn set_power(&mut self, powered: bool) {
-        self.powered = powered;
-    }
-
-    /// Whether the pull-up shows the PC that a device is connected.
-    pub(super) fn is_attached(&self) -> bool {
-        let enabled = self.main_ctrl & (CONTROLLER_EN | HOST) == CONTROLLER_EN;
-        enabled && self.powered && self.vbus() && self.sie_ctrl & sie_ctrl::PULL_UP != 0 && self.muxing & TO_PHY != 0
-    }
-
-    /// The PC resets the bus (§4.1.2.6.1). The address register keeps what the program has written.
-    pub(super) fn bus_reset(&mut self) {
-        self.sie_status |= status::BUS_RESET | status::CONNECTED;
-        self.sie_status &= !status::SUSPENDED;
-    }
-
-    /// The bus has had no frame for 3 ms.
-    pub(super) fn suspend(&mut self) {
-        self.sie_status |= status::SUSPENDED;
-    }
-
-    /// Whether the device has this address.
-    pub(super) fn has_address(&self, address: u8) -> bool {
-        self.is_attached() && self.address & 0x7f == u32::from(address)
     }
 
     // Endpoints.
@@ -392,8 +342,58 @@ impl Controller {
         if self.uses_second(number, direction) { (both >> 16, first + BUFFER_BYTES) } else { (both & 0xffff, first) }
     }
 
+    /// A buffer is done: writes its control back, selects the next buffer, and sets the flags that the program has
+    /// enabled.
+    fn done(&mut self, number: u8, direction: Direction, control: u32) {
+        let (second, bit) = (self.uses_second(number, direction), bit(number, direction));
+        let (offset, asked) = (Controller::control_offset(number, direction), self.endpoint_control(number, direction));
+        self.memory.write(if second { offset + 2 } else { offset }, Size::Half, control);
+        if asked & endpoint::DOUBLE != 0 {
+            self.second_next ^= bit;
+        }
+        if control & buffer::LAST != 0 {
+            self.sie_status |= status::TRANSACTION;
+        }
+        if asked & endpoint::INT_1BUF != 0 || asked & endpoint::INT_2BUF != 0 && second {
+            if self.buff_status & bit != 0 {
+                self.done_again |= bit;
+            } else {
+                self.handle = self.handle & !bit | if second { bit } else { 0 };
+            }
+            self.buff_status |= bit;
+        }
+    }
+}
+
+impl UsbDevice for Controller {
+    fn set_power(&mut self, powered: bool) {
+        self.powered = powered;
+    }
+
+    /// Whether the pull-up shows the PC that a device is connected.
+    fn is_attached(&self) -> bool {
+        let enabled = self.main_ctrl & (CONTROLLER_EN | HOST) == CONTROLLER_EN;
+        enabled && self.powered && self.vbus() && self.sie_ctrl & sie_ctrl::PULL_UP != 0 && self.muxing & TO_PHY != 0
+    }
+
+    /// The PC resets the bus (§4.1.2.6.1). The address register keeps what the program has written.
+    fn bus_reset(&mut self) {
+        self.sie_status |= status::BUS_RESET | status::CONNECTED;
+        self.sie_status &= !status::SUSPENDED;
+    }
+
+    /// The bus has had no frame for 3 ms.
+    fn suspend(&mut self) {
+        self.sie_status |= status::SUSPENDED;
+    }
+
+    /// Whether the device has this address.
+    fn has_address(&self, address: u8) -> bool {
+        self.is_attached() && self.address & 0x7f == u32::from(address)
+    }
+
     /// The device's answer to a token.
-    pub(super) fn answer(&self, number: u8, direction: Direction) -> Answer {
+    fn answer(&self, number: u8, direction: Direction) -> Answer {
         if self.endpoint_control(number, direction) & endpoint::ENABLE == 0 || self.abort & bit(number, direction) != 0
         {
             return Answer::Refused;
@@ -414,7 +414,7 @@ impl Controller {
     }
 
     /// The device refused or stalled a token: sets the flags that the program has enabled.
-    pub(super) fn refused(&mut self, number: u8, direction: Direction, stall: bool) {
+    fn refused(&mut self, number: u8, direction: Direction, stall: bool) {
         let asked = if stall { endpoint::INT_STALL } else { endpoint::INT_NAK };
         if self.endpoint_control(number, direction) & asked != 0 {
             self.stall_nak |= bit(number, direction);
@@ -422,7 +422,7 @@ impl Controller {
     }
 
     /// The PC begins a control transfer, which a device must always accept (§4.1.2.6.3).
-    pub(super) fn setup(&mut self, packet: [u8; 8]) {
+    fn setup(&mut self, packet: [u8; 8]) {
         for (offset, byte) in (0..).zip(packet) {
             self.memory.write(offset, Size::Byte, byte.into());
         }
@@ -431,7 +431,7 @@ impl Controller {
     }
 
     /// The PC takes the data of the next buffer. Returns whether they are DATA1, and the data.
-    pub(super) fn take(&mut self, number: u8) -> (bool, Vec<u8>) {
+    fn take(&mut self, number: u8) -> (bool, Vec<u8>) {
         let (control, address) = self.buffer(number, Direction::In);
         let range = address..address + (control & buffer::LENGTH);
         let data = range.map(|offset| self.memory.read(offset, Size::Byte) as u8).collect();
@@ -442,7 +442,7 @@ impl Controller {
 
     /// The PC sends data. If they are not the expected one of DATA0 and DATA1, they are a repetition: they are
     /// acknowledged and dropped.
-    pub(super) fn put(&mut self, number: u8, data1: bool, data: &[u8]) {
+    fn put(&mut self, number: u8, data1: bool, data: &[u8]) {
         let (control, address) = self.buffer(number, Direction::Out);
         if (control & buffer::DATA1 != 0) != data1 {
             self.sie_status |= status::SEQUENCE;
@@ -455,25 +455,50 @@ impl Controller {
         self.done(number, Direction::Out, control | buffer::FULL | data.len() as u32);
     }
 
-    /// A buffer is done: writes its control back, selects the next buffer, and sets the flags that the program has
-    /// enabled.
-    fn done(&mut self, number: u8, direction: Direction, control: u32) {
-        let (second, bit) = (self.uses_second(number, direction), bit(number, direction));
-        let (offset, asked) = (Controller::control_offset(number, direction), self.endpoint_control(number, direction));
-        self.memory.write(if second { offset + 2 } else { offset }, Size::Half, control);
-        if asked & endpoint::DOUBLE != 0 {
-            self.second_next ^= bit;
+    /// Whether the start of this frame raises an interrupt.
+    fn wants_frames(&self, frame: u32) -> bool {
+        self.enabled & interrupt::FRAME != 0 && self.frame_read == frame
+    }
+}
+
+/// The controller with its cable.
+pub(super) type Usb = UsbLink<Controller>;
+
+impl Usb {
+    /// Resets the controller. The PC sees that the device has gone.
+    pub(super) fn reset(&mut self, cycle: u64) {
+        self.device.reset();
+        self.plan(cycle);
+    }
+
+    /// Whether the interrupt line (USBCTRL_IRQ) is high.
+    pub(super) fn line_asserted(&self) -> bool {
+        self.device.interrupts(self.frame()) != 0
+    }
+
+    pub(super) fn read(&mut self, offset: u32, cycle: u64) -> u32 {
+        let frame = self.frame_in(cycle);
+        let value = self.device.read(offset, frame);
+        if offset == at::SOF_RD {
+            self.plan(cycle);
         }
-        if control & buffer::LAST != 0 {
-            self.sie_status |= status::TRANSACTION;
-        }
-        if asked & endpoint::INT_1BUF != 0 || asked & endpoint::INT_2BUF != 0 && second {
-            if self.buff_status & bit != 0 {
-                self.done_again |= bit;
-            } else {
-                self.handle = self.handle & !bit | if second { bit } else { 0 };
-            }
-            self.buff_status |= bit;
+        value
+    }
+
+    /// `value` is the written word, for bits that ones clear. `merge` makes the new value of the other registers.
+    pub(super) fn write(&mut self, offset: u32, value: u32, merge: impl Fn(u32) -> u32, cycle: u64) {
+        self.device.write(offset, value, merge);
+        self.plan(cycle + 1);
+    }
+
+    pub(super) fn read_memory(&self, offset: u32, size: Size) -> u32 {
+        self.device.memory.read(offset, size)
+    }
+
+    pub(super) fn write_memory(&mut self, offset: u32, size: Size, value: u32, cycle: u64) {
+        self.device.memory.write(offset, size, value);
+        if self.device.memory_written(offset) {
+            self.plan(cycle + 1);
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Control transfers (USB 2.0 §8.5.3), and the requests with which a PC sets up a serial port (§9.4; CDC 1.2 PSTN
 //! §6.3).
 
-use super::controller::Direction;
+use super::Direction;
 
 /// The largest packet of endpoint 0 until the device's descriptor is known, bytes.
 const FIRST_PACKET: usize = 64;
