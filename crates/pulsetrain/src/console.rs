@@ -8,8 +8,8 @@ use std::io::{self, BufRead, IsTerminal, Write};
 use indicatif::{ProgressBar, ProgressStyle};
 use pulsetrain_session::control::Event;
 
-pub use crate::access::{Access, access};
 use crate::access::unprinted;
+pub use crate::access::{Access, access};
 use crate::clean::{Cleaned, escaped_json};
 use crate::files::inputs::{MAX_TYPED_BYTES, next_line};
 
