@@ -36,7 +36,7 @@ const GROUPS: [&[Stage]; 6] = [
     // The browser waits more than it computes.
     &[
         stage("page", 60, || page::test(false)),
-        stage("cross-check", 120, cross_check::run),
+        stage("cross-check", 155, cross_check::run),
         stage("accepted motions run", 180, || accept::run(&accept::Options::random(ACCEPT_COUNT, ACCEPT_SEED))),
     ],
 ];
