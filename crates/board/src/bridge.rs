@@ -28,7 +28,8 @@ pub enum Bridge {
     /// The ATmega16U2 of an Arduino Uno and of a Due's programming port, with Arduino's program: its Timer0 overflows each 256 × 256 cycles, 4.1 ms,
     /// and whatever the buffer holds goes out, or as soon as there are more than 96 bytes (ArduinoCore-avr, firmwares/atmegaxxu2/arduino-usbserial).
     Atmega16u2,
-    /// The CH340 of many Unos of other makers: packets of 32 bytes. Linux's driver has it send each byte with the next frame (drivers/usb/serial/ch341.c).
+    /// The CH340, which many Unos of other makers have. Its packets have 32 bytes at most. Linux's driver sets it so that it waits for no full packet,
+    /// and sends what it has with each frame of USB (drivers/usb/serial/ch341.c).
     #[default]
     Ch340,
     /// An FT232R as its driver sets it: packets of 62 bytes, or what there is after 16 ms (FTDI AN232B-04, 2).
@@ -64,7 +65,7 @@ impl Bridge {
         }
     }
 
-    /// Whether the timer begins anew when bytes were handed on; else it runs free.
+    /// Whether a full packet restarts the timer. The timers of the others run on.
     const fn restarts(self) -> bool {
         matches!(self, Bridge::Ftdi)
     }
@@ -76,7 +77,7 @@ impl Bridge {
     }
 }
 
-/// What a board has said, until the computer has it.
+/// Bytes that a board has sent and that the computer has not received yet.
 #[derive(Clone, Debug, Default)]
 pub struct ToHost {
     bridge: Bridge,
@@ -183,7 +184,7 @@ mod tests {
         let mut frames_of_98 = vec![1; 97];
         frames_of_98.push(5);
         assert_eq!(frames(Bridge::Atmega16u2, &each_40_cycles(98)), frames_of_98);
-        // The 62nd byte ends at cycle 2480 and starts the timer anew: the 63rd comes 16 ms later.
+        // The 62nd byte ends at cycle 2480 and restarts the timer. The 63rd byte comes 16 ms later.
         let mut frames_of_63 = vec![1; 62];
         frames_of_63.push(17);
         assert_eq!(frames(Bridge::Ftdi, &each_40_cycles(63)), frames_of_63);
